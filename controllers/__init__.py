@@ -1,0 +1,1 @@
+"""Exposure controls and the policies that pair them."""

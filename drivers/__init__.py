@@ -1,0 +1,1 @@
+"""Cameras: simulated, and real ones through Aravis."""

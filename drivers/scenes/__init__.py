@@ -1,0 +1,1 @@
+"""Worlds as linear radiance: geometry, textures, light, trajectories."""

@@ -1,0 +1,1 @@
+"""A simulated pair of cameras on a virtual clock."""

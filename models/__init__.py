@@ -1,0 +1,1 @@
+"""From recordings to a network: dataset, targets, training, export."""

@@ -1,0 +1,1 @@
+"""Two cameras, two exposure controls, one fair comparison."""

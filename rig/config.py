@@ -1,0 +1,1 @@
+"""Typed values from the files that a user writes."""

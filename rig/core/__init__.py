@@ -1,0 +1,1 @@
+"""The words every other room speaks: values, seams, units, errors, clocks."""

@@ -1,0 +1,1 @@
+"""Judging pictures by what they are for: inliers, statistics, the report."""

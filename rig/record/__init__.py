@@ -1,0 +1,1 @@
+"""The recording: the only room that knows MCAP."""

@@ -1,0 +1,1 @@
+"""Pure functions on pictures: colour, features, matches, metrics."""
