@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from rig.core.units import NS_PER_S, s_to_ns
+from rig.core.units import s_to_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +28,8 @@ class VirtualClock:
 
     >>> clock = VirtualClock()
     >>> clock.sleep_s(0.5)
-    >>> clock.now_ns() == NS_PER_S // 2
-    True
+    >>> clock.now_ns()
+    500000000
     """
 
     time_ns: int = 0

@@ -19,7 +19,15 @@ class CameraError(RigError):
 
 
 class GrabTimeout(CameraError):
-    """No frame came before the deadline."""
+    """No frame came before the deadline.
+
+    `cause` is the same few words for every frame that is lost in the same way, so that losses can
+    be counted by it; the message carries the numbers.
+    """
+
+    def __init__(self, message: str, cause: str = "no frame in time") -> None:
+        super().__init__(message)
+        self.cause = cause
 
 
 class CameraLost(CameraError):

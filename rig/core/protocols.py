@@ -126,6 +126,11 @@ class Source(Protocol):
         ...
 
     @property
+    def decision_ms(self) -> float:
+        """Return how much simulated time a decision costs; 0 where time runs by itself."""
+        ...
+
+    @property
     def drive_triggers(self) -> int | None:
         """Return how many triggers the whole drive has; None is without end."""
         ...
