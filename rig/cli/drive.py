@@ -1,0 +1,98 @@
+"""One recorded drive: what `race` and `collect` share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.cli.exits import INTERRUPTED, LOSSES, OK
+from rig.cli.interrupt import StopRequest, stop_on_signal
+from rig.cli.provenance import command_line, git_commit, versions
+from rig.cli.terminal import Advance, Terminal
+from rig.core.protocols import PairPolicy, Source
+from rig.core.types import Pair
+from rig.loop import RunSummary, run_pair
+from rig.record.header import RunHeader
+from rig.record.writer import RecordWriter
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A finished recording and how it ended."""
+
+    folder: Path
+    run: RunSummary
+    interrupted: bool
+
+    @property
+    def exit_code(self) -> int:
+        """Return 130 after Ctrl-C, 3 with recorded losses, else 0."""
+        if self.interrupted:
+            return INTERRUPTED
+        return OK if self.run.complete == self.run.triggers else LOSSES
+
+
+def record_drive(
+    source: Source,
+    policy: PairPolicy,
+    header: RunHeader,
+    folder: Path,
+    frames: int | None,
+    terminal: Terminal,
+) -> Drive:
+    """Drive `source` by `policy` for `frames` triggers, or to its end, into `folder`."""
+    triggers = frames if frames is not None else source.drive_triggers
+    announce(source, triggers, terminal)
+    with (
+        stop_on_signal() as stop,
+        RecordWriter(folder, header, real_time=source.real_time) as recorder,
+        terminal.progress("driving", triggers) as advance,
+    ):
+        run = run_pair(source, policy, recorder, until(triggers, stop, advance))
+    return Drive(folder, run, stop.requested)
+
+
+def announce(source: Source, triggers: int | None, terminal: Terminal) -> None:
+    """Say which cameras are driven, and whether they are real."""
+    kind = "SIMULATED" if is_simulated(source.address) else "cameras"
+    terminal.say(f"{kind}: {source.address}, {triggers or 'endless'} triggers")
+
+
+def is_simulated(address: str) -> bool:
+    """Return whether an address names cameras that do not exist."""
+    return address.startswith("sim:")
+
+
+def until(triggers: int | None, stop: StopRequest, advance: Advance) -> Callable[[int], bool]:
+    """Return the loop's `keep_going`: to the last trigger, or to Ctrl-C."""
+
+    def keep_going(done: int) -> bool:
+        advance(done)
+        return not stop.requested and (triggers is None or done < triggers)
+
+    return keep_going
+
+
+def make_header(
+    source: Source,
+    seed: int,
+    controllers: Pair[str],
+    options: Mapping[str, str],
+    models: Mapping[str, str],
+) -> RunHeader:
+    """Return what the recording says about itself before its first frame."""
+    primary, secondary = source.cameras
+    return RunHeader(
+        command=command_line(),
+        cameras=source.address,
+        seed=seed,
+        world_version=source.world_version,
+        versions=versions(),
+        git=git_commit(),
+        serials=Pair(primary.serial, secondary.serial),
+        intrinsics=source.intrinsics,
+        controllers=controllers,
+        options=options,
+        models=models,
+    )

@@ -1,0 +1,51 @@
+"""Options that several commands share, and the folder that a run writes into."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from cyclopts import Parameter
+
+from rig.core.errors import RigError
+
+DEFAULT_CAMERAS = "sim:tunnel"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Which cameras to drive, for how long, and where to."""
+
+    cameras: str = DEFAULT_CAMERAS
+    """Address of the camera pair, such as sim:tunnel?size=1024x768."""
+    frames: int | None = None
+    """Exactly this many triggers; the whole drive when absent."""
+    seed: int = 0
+    """Seeds the world, the noise and the controllers."""
+    out: Path | None = None
+    """Folder to make; runs/<time>-<command> when absent."""
+
+
+DEFAULT_RUN = RunOptions()
+
+
+def make_run_folder(out: Path | None, command: str) -> Path:
+    """Make and return a new folder; raises RigError for one that is already there."""
+    folder = out or _unused(Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{command}")
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise RigError(
+            f"--out {folder} exists: nothing is overwritten; name a new folder"
+        ) from None
+    except OSError as error:
+        raise RigError(f"--out {folder} cannot be made: {error.strerror}") from None
+    return folder
+
+
+def _unused(folder: Path) -> Path:
+    """Return `folder`, or a numbered neighbour where two runs began in one second."""
+    names = [folder, *(folder.with_name(f"{folder.name}-{n}") for n in range(2, 100))]
+    return next(name for name in names if not name.exists())
