@@ -1,0 +1,124 @@
+"""Many runs told as one: averages by controller, and rivals compared run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+SCHEMA = "rig.evaluation/1"
+FRONT_ENDS = ("orb", "viso2")
+RESAMPLES = 10_000
+
+RunJson = Mapping[str, Any]
+
+
+def aggregate(runs: Sequence[RunJson], *, seed: int = 0) -> dict[str, Any]:
+    """Return the content of evaluation.json (schema rig.evaluation/1) for summaries of runs.
+
+    `by_controller` averages each statistic over every time that a controller drove a camera (as
+    tables 5.3 and 5.4 of the thesis do); `runs` counts the recordings that it drove in. `paired`
+    compares the two controllers of each recording; see `paired`. `seed` draws the resamples.
+    """
+    return {
+        "schema": SCHEMA,
+        "runs": list(runs),
+        "by_controller": {name: _average(runs, name) for name in _controllers(runs)},
+        "paired": {
+            f"{a} vs {b}": compare(duels, seed=seed) for (a, b), duels in _duels(runs).items()
+        },
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Duel:
+    """ORB statistics of one run of two controllers, a and b."""
+
+    median: tuple[float, float]
+    min: tuple[float, float]
+
+
+def compare(duels: Sequence[Duel], *, seed: int) -> dict[str, Any]:
+    """Return how a did against b over runs in which they drove side by side.
+
+    A ratio is a's average over the runs by b's, so a single blind run of b does not divide by
+    zero; None when b's average is 0. `ci95` holds the 2.5th and 97.5th percentile of the median's
+    ratio when whole runs are resampled with replacement (frames of one run depend on each other,
+    runs do not). It is None for one run: one run shows no significance. A win is a run in which
+    a's median is higher; equal medians are neither won nor lost.
+    """
+    medians = np.array([duel.median for duel in duels], np.float64).reshape(-1, 2)
+    minima = np.array([duel.min for duel in duels], np.float64).reshape(-1, 2)
+    return {
+        "orb_median_ratio": _ratio(medians),
+        "orb_min_ratio": _ratio(minima),
+        "ci95": _interval(medians, seed),
+        "wins": int(np.count_nonzero(medians[:, 0] > medians[:, 1])),
+        "losses": int(np.count_nonzero(medians[:, 0] < medians[:, 1])),
+    }
+
+
+def _ratio(values: NDArray[np.float64]) -> float | None:
+    a, b = values.sum(axis=0) if values.size else (0.0, 0.0)
+    return float(a / b) if b > 0 else None
+
+
+def _interval(values: NDArray[np.float64], seed: int) -> list[float] | None:
+    runs = len(values)
+    if runs < 2:
+        return None
+    draws = np.random.default_rng(seed).integers(runs, size=(RESAMPLES, runs))
+    sums = values[draws].sum(axis=1)
+    if not (sums[:, 1] > 0).all():
+        return None
+    low, high = np.percentile(sums[:, 0] / sums[:, 1], (2.5, 97.5))
+    return [float(low), float(high)]
+
+
+def _sides(run: RunJson) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    return run["left"], run["right"]
+
+
+def _controllers(runs: Sequence[RunJson]) -> Iterable[str]:
+    """Return each controller's name once, in order of appearance."""
+    return dict.fromkeys(side["controller"] for run in runs for side in _sides(run))
+
+
+def _average(runs: Sequence[RunJson], controller: str) -> dict[str, Any]:
+    driven = [[side for side in _sides(run) if side["controller"] == controller] for run in runs]
+    sides = [side for run in driven for side in run]
+    averages: dict[str, Any] = {}
+    for front_end in FRONT_ENDS:
+        statistics = [side[front_end] for side in sides if front_end in side]
+        if statistics:
+            averages[front_end] = {key: _mean(statistics, key) for key in statistics[0]}
+    return {**averages, "runs": sum(1 for run in driven if run)}
+
+
+def _mean(statistics: Sequence[Mapping[str, float | None]], key: str) -> float | None:
+    values = [value for entry in statistics if (value := entry[key]) is not None]
+    return sum(values) / len(values) if values else None
+
+
+def _duels(runs: Sequence[RunJson]) -> dict[tuple[str, str], list[Duel]]:
+    """Return the duels of each two controllers, in the order in which they first met.
+
+    A run in which nothing was counted, or ORB did not run, is no duel.
+    """
+    duels: dict[tuple[str, str], list[Duel]] = {}
+    for run in runs:
+        left, right = _sides(run)
+        if any(side.get("orb", {}).get("median") is None for side in (left, right)):
+            continue
+        if (right["controller"], left["controller"]) in duels:
+            left, right = right, left
+        duels.setdefault((left["controller"], right["controller"]), []).append(
+            Duel(
+                (left["orb"]["median"], right["orb"]["median"]),
+                (left["orb"]["min"], right["orb"]["min"]),
+            )
+        )
+    return duels

@@ -1,0 +1,149 @@
+"""summary.json: what a run came to, in the keys that others script against."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+from rig.core.types import SIDES, PairRecord, Side
+from rig.evaluation.series import FRONT_ENDS, CameraSeries, FrontEnds, RunSeries, measure
+from rig.evaluation.statistics import (
+    BLIND_BELOW,
+    InlierStatistics,
+    counted,
+    inlier_statistics,
+    latency,
+    spread,
+)
+from rig.record.header import RunHeader
+
+SCHEMA = "rig.summary/1"
+
+Spread = tuple[float | None, float | None, float | None]
+
+
+class Recorded(Protocol):
+    """A run that can be read back: `rig.record.reader.Recording`, or one in memory."""
+
+    @property
+    def header(self) -> RunHeader:
+        """Return what the run was."""
+        ...
+
+    def records(self) -> Iterator[PairRecord]:
+        """Return the records in order, from the first at every call."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class SideSummary:
+    """One controller's part in a run.
+
+    `inliers` maps each front end that ran to its statistics; `exposure_us` and `gain_db` are
+    (lowest, median, highest) of what was used; `decision_ms` holds p50 and p99.
+    """
+
+    controller: str
+    inliers: Mapping[str, InlierStatistics]
+    exposure_us: Spread
+    gain_db: Spread
+    decision_ms: Mapping[str, float | None]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object under `left` or `right` in summary.json."""
+        return {
+            "controller": self.controller,
+            **{name: asdict(statistics) for name, statistics in self.inliers.items()},
+            "exposure_us": list(self.exposure_us),
+            "gain_db": list(self.gain_db),
+            "decision_ms": dict(self.decision_ms),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Summary:
+    """A run's header, its columns, and what they come to.
+
+    `left` is the race's first controller: it drives the primary camera, or the secondary when
+    the run was swapped; `left_side` says which.
+    """
+
+    header: RunHeader
+    series: RunSeries
+    left_side: Side
+    left: SideSummary
+    right: SideSummary
+
+    @property
+    def drops(self) -> dict[str, int]:
+        """Return how many pairs each cause made incomplete, the most frequent first."""
+        return dict(Counter(cause for cause in self.series.cause if cause).most_common())
+
+    @property
+    def pairs_complete(self) -> int:
+        """Return the number of complete pairs: triggers less all drops."""
+        return len(self.series) - sum(self.drops.values())
+
+    def camera(self, side: str) -> CameraSeries:
+        """Return the columns of the camera that the `left` or `right` controller drove."""
+        return getattr(self.series.cameras, self.wired(side))  # type: ignore[no-any-return]
+
+    def wired(self, side: str) -> Side:
+        """Return which camera the `left` or `right` controller drove."""
+        return self.left_side if side == "left" else other(self.left_side)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of summary.json (schema rig.summary/1)."""
+        header = self.header
+        return {
+            "schema": SCHEMA,
+            "command": header.command,
+            "cameras": header.cameras,
+            "seed": header.seed,
+            "world_version": header.world_version,
+            "versions": dict(header.versions),
+            "frames": len(self.series),
+            "pairs_complete": self.pairs_complete,
+            "drops": self.drops,
+            "left": self.left.as_json(),
+            "right": self.right.as_json(),
+        }
+
+
+def other(side: Side) -> Side:
+    """Return the other camera."""
+    return SIDES[1 - SIDES.index(side)]
+
+
+def summarise(recording: Recorded, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
+    """Return what a recorded run came to; reads its pictures once, in bounded memory.
+
+    The header's option `swap=true` says that the left controller drove the secondary camera.
+    """
+    header = recording.header
+    series = measure(recording.records(), front_ends)
+    left_side: Side = "secondary" if header.options.get("swap") == "true" else "primary"
+    right_side = other(left_side)
+    return Summary(
+        header=header,
+        series=series,
+        left_side=left_side,
+        left=_side(getattr(header.controllers, left_side), series, left_side),
+        right=_side(getattr(header.controllers, right_side), series, right_side),
+    )
+
+
+def _side(controller: str, series: RunSeries, side: Side) -> SideSummary:
+    camera: CameraSeries = getattr(series.cameras, side)
+    return SideSummary(
+        controller=controller,
+        inliers={
+            name: inlier_statistics(counted(series.trigger, counts), BLIND_BELOW[name])
+            for name, counts in camera.inliers.items()
+        },
+        exposure_us=spread(counted(series.trigger, camera.exposure_us)),
+        gain_db=spread(counted(series.trigger, camera.gain_db)),
+        decision_ms=latency(counted(series.trigger, camera.decision_ms)),
+    )

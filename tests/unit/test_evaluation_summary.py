@@ -1,0 +1,83 @@
+"""summary.json: its keys, whose side is whose, and that a seed fixes its numbers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from synthetic_run import SyntheticRun
+
+from rig.core.types import Pair
+from rig.evaluation.summary import summarise
+
+KEYS = [
+    "schema",
+    "command",
+    "cameras",
+    "seed",
+    "world_version",
+    "versions",
+    "frames",
+    "pairs_complete",
+    "drops",
+    "left",
+    "right",
+]
+
+
+def test_keys_are_the_published_ones_and_an_absent_front_end_is_absent() -> None:
+    document = summarise(SyntheticRun(triggers=13)).as_json()
+    assert list(document) == KEYS
+    assert document["schema"] == "rig.summary/1"
+    for side in ("left", "right"):
+        assert list(document[side]) == [
+            "controller",
+            "orb",
+            "exposure_us",
+            "gain_db",
+            "decision_ms",
+        ]
+        assert list(document[side]["orb"]) == ["median", "min", "mean", "p5", "blind_frames"]
+        assert len(document[side]["exposure_us"]) == len(document[side]["gain_db"]) == 3
+        assert list(document[side]["decision_ms"]) == ["p50", "p99"]
+
+
+def test_numbers_are_those_of_the_counted_series() -> None:
+    summary = summarise(SyntheticRun(triggers=16))
+    counts = summary.series.cameras.primary.inliers["orb"][10:]
+    orb = summary.as_json()["left"]["orb"]
+    assert orb["median"] == np.median(counts)
+    assert orb["min"] == counts.min()
+    assert orb["mean"] == counts.mean()
+
+
+def test_triggers_are_complete_pairs_plus_causes() -> None:
+    run = SyntheticRun(triggers=15, lost={3: "timeout", 7: "lost", 12: "timeout"})
+    document = summarise(run).as_json()
+    assert document["frames"] == 15
+    assert document["drops"] == {"timeout": 2, "lost": 1}
+    assert document["pairs_complete"] + sum(document["drops"].values()) == document["frames"]
+
+
+def test_left_is_the_primary_unless_swapped() -> None:
+    plain = summarise(SyntheticRun(triggers=14)).as_json()
+    assert plain["left"]["controller"] == "ours"
+    swapped_run = SyntheticRun(triggers=14, options={"swap": "true"}, names=Pair("ours", "aeag"))
+    swapped = summarise(swapped_run).as_json()
+    assert swapped["left"]["controller"] == "aeag"
+    assert swapped["left"] == plain["right"]
+    assert swapped["right"] == plain["left"]
+
+
+def test_same_seed_same_numbers() -> None:
+    first, second = (summarise(SyntheticRun(triggers=14, seed=3)).as_json() for _ in range(2))
+    assert json.dumps(first) == json.dumps(second)
+    assert first != summarise(SyntheticRun(triggers=14, seed=4)).as_json()
+
+
+def test_a_run_of_warm_up_alone_counts_nothing() -> None:
+    document = summarise(SyntheticRun(triggers=5)).as_json()
+    assert document["left"]["orb"]["median"] is None
+    assert document["left"]["orb"]["blind_frames"] == 0
+    assert document["left"]["exposure_us"] == [None, None, None]
+    assert "NaN" not in json.dumps(document)
