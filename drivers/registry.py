@@ -1,0 +1,216 @@
+"""From the words after `--cameras` to an opened pair of cameras.
+
+    sim:WORLD?OPTION=VALUE&...      simulated cameras in a simulated world, on a virtual clock
+
+Options of `sim:` are those of SIMULATION_OPTIONS. The address of an opened source has every option
+resolved, in alphabetical order, so opening it again repeats the same drive.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl, quote
+
+from rig.config import CameraModel, load_camera_model
+from rig.core.errors import UsageError
+from rig.core.protocols import Source
+
+SCHEMES = ("sim",)
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """An address taken apart: `scheme:name?options`."""
+
+    scheme: str
+    name: str
+    options: Mapping[str, str]
+
+    def __str__(self) -> str:
+        """Return the address with its options in alphabetical order."""
+        pairs = (f"{key}={quote(self.options[key], safe='/@:,')}" for key in sorted(self.options))
+        query = "&".join(pairs)
+        return f"{self.scheme}:{self.name}" + (f"?{query}" if query else "")
+
+
+def parse_address(text: str) -> Address:
+    """Take an address apart; raises UsageError for an unknown scheme or a malformed option."""
+    scheme, colon, rest = text.partition(":")
+    if not colon:
+        example = f"sim:{text or 'tunnel'}"
+        raise UsageError(f"--cameras {text!r}: what kind of cameras? Write it as {example}")
+    if scheme not in SCHEMES:
+        raise _unknown("scheme", scheme, SCHEMES, f"--cameras {text}")
+    name, _, query = rest.partition("?")
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError as error:
+        raise UsageError(f"{text}: options are written NAME=VALUE&NAME=VALUE") from error
+    options = dict(pairs)
+    if len(options) < len(pairs):
+        twice = next(key for key, _ in pairs if sum(key == other for other, _ in pairs) > 1)
+        raise UsageError(f"{text}: option {twice!r} is given twice; keep one")
+    return Address(scheme, name, options)
+
+
+def open_source(address: str, *, seed: int, split: str = "test") -> Source:
+    """Open the cameras that `address` names.
+
+    `seed` makes the noise, and the world unless the address names its own seed; `split` is the
+    split unless the address names one. Raises UsageError for a word in the address that is not
+    known or a value that cannot be meant, and ConfigError for a bad camera file.
+    """
+    parsed = parse_address(address)
+    return _open_simulation(parsed, seed=seed, split=split)
+
+
+def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
+    from rig.drivers.scenes import worlds
+    from rig.drivers.simulated.source import Drive, simulate
+
+    if address.name not in worlds.WORLDS:
+        raise _unknown("world", address.name, worlds.WORLDS, "--cameras sim:")
+    for option in address.options:
+        if option not in SIMULATION_OPTIONS:
+            raise _unknown("option", option, SIMULATION_OPTIONS, f"sim:{address.name}")
+    words = _DEFAULTS | {"seed": str(seed), "split": split} | dict(address.options)
+    values = {name: _value(address, name, words[name]) for name in SIMULATION_OPTIONS}
+    model = load_camera_model(values["camera"])
+    width_px, height_px = values["size"]
+    _check_size(address, width_px, height_px, model)
+    scene = worlds.open_world(
+        address.name,
+        seed=values["seed"],
+        split=values["split"],
+        width_px=width_px,
+        height_px=height_px,
+        speed_mps=values["speed_mps"],
+    )
+    drive = Drive(
+        model=model,
+        noise_seed=seed,
+        rate_hz=values["rate_hz"],
+        latency_frames=values["latency_frames"],
+        decision_ms=values["decision_ms"],
+    )
+    resolved = {name: _spell(value) for name, value in values.items()}
+    return simulate(scene, drive, str(Address(address.scheme, address.name, resolved)))
+
+
+def _whole(word: str) -> int:
+    if not word.isdecimal():
+        raise ValueError("a whole number, 0 or more")
+    return int(word)
+
+
+def _duration(word: str) -> float:
+    if not (number := _finite(word)) >= 0:
+        raise ValueError("a number, 0 or more")
+    return number
+
+
+def _speed(word: str) -> float:
+    if not (number := _finite(word)) > 0:
+        raise ValueError("a number above 0")
+    return number
+
+
+def _rate(word: str) -> float | None:
+    if word == "max":
+        return None
+    if not (number := _finite(word)) > 0:
+        raise ValueError("a number above 0, or max")
+    return number
+
+
+def _finite(word: str) -> float:
+    """Return a number; NaN, which no range contains, for a word that is not one."""
+    try:
+        number = float(word)
+    except ValueError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan
+
+
+def _size(word: str) -> tuple[int, int]:
+    found = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", word)
+    if not found:
+        raise ValueError("WIDTHxHEIGHT in pixels, such as 640x480")
+    return int(found[1]), int(found[2])
+
+
+def _split(word: str) -> str:
+    if word not in ("train", "test"):
+        raise ValueError("train or test")
+    return word
+
+
+def _camera(word: str) -> str:
+    """Return a shipped model's name as it is, and a file's path from the root."""
+    return str(Path(word).resolve()) if word.endswith(".toml") else word
+
+
+SIMULATION_OPTIONS: Mapping[str, Callable[[str], Any]] = {
+    "camera": _camera,
+    "decision_ms": _duration,
+    "latency_frames": _whole,
+    "rate_hz": _rate,
+    "seed": _whole,
+    "size": _size,
+    "speed_mps": _speed,
+    "split": _split,
+}
+"""What an option of `sim:` is read with; it raises ValueError with what the option must be."""
+
+_DEFAULTS = {
+    "camera": "blackfly-s-u3-31s4",
+    "decision_ms": "0",
+    "latency_frames": "0",
+    "rate_hz": "10",
+    "size": "640x480",
+    "speed_mps": "13.9",
+}
+
+
+def _value(address: Address, name: str, word: str) -> Any:
+    try:
+        return SIMULATION_OPTIONS[name](word)
+    except ValueError as error:
+        where = f"{address.scheme}:{address.name}"
+        raise UsageError(f"{where}: {name} must be {error}, got {word!r}") from error
+
+
+def _check_size(address: Address, width_px: int, height_px: int, model: CameraModel) -> None:
+    """Refuse a picture that is no smaller copy of the camera's, or that cuts a Bayer cell."""
+    full = model.picture
+    fits = width_px <= full.width_px and height_px <= full.height_px
+    alike = width_px * full.height_px == height_px * full.width_px
+    if not (fits and alike and width_px % 2 == 0 and height_px % 2 == 0):
+        raise UsageError(
+            f"{address.scheme}:{address.name}: size must be even, of the shape of "
+            f"{full.width_px}x{full.height_px} and no larger, got {width_px}x{height_px}; "
+            "try 320x240, 640x480 or 1024x768"
+        )
+
+
+def _spell(value: object) -> str:
+    """Return a value as it is written in an address."""
+    if value is None:
+        return "max"
+    if isinstance(value, tuple):
+        return "x".join(str(part) for part in value)
+    return f"{value:g}" if isinstance(value, float) and value == float(f"{value:g}") else str(value)
+
+
+def _unknown(kind: str, word: str, known: Iterable[str], where: str) -> UsageError:
+    """Return the error for a word that is not among the `known`."""
+    names = sorted(known)
+    close = difflib.get_close_matches(word, names, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(names)}"
+    return UsageError(f"{where}: unknown {kind} {word!r}; {hint}")

@@ -1,0 +1,132 @@
+"""The simulated pair: two cameras and a wire, looking at a scene that they drive through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.config import CameraModel
+from rig.core.clock import VirtualClock
+from rig.core.protocols import Camera, Clock
+from rig.core.types import SIDES, Intrinsics, Pair, Settings, Side, Truth
+from rig.core.units import us_to_ns
+from rig.drivers.scenes.scene import Scene
+from rig.drivers.sensor.sensor import Sensor
+from rig.drivers.simulated.camera import SimulatedCamera, TakePicture, Wiring
+from rig.drivers.simulated.world import Link, Wire, World
+
+SERIALS = Pair("SIM-PRIMARY", "SIM-SECONDARY")
+
+EXPOSURE_FOLLOWING_PACE_HZ = 10.0
+"""Scene time per trigger when the triggers follow the exposures, so that pictures do not depend
+on how long decisions take (about 10 Hz: thesis 5.1.1)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """How the pair is driven through a scene.
+
+    `rate_hz` None triggers as fast as the exposures allow; `noise_seed` makes the noise of every
+    frame; `decision_ms` is what one decision costs on the run's clock.
+    """
+
+    model: CameraModel
+    noise_seed: int
+    rate_hz: float | None = EXPOSURE_FOLLOWING_PACE_HZ
+    latency_frames: int = 0
+    decision_ms: float = 0.0
+
+    def scene_time_s(self, trigger: int) -> float:
+        """Return the moment of the scene that a trigger sees."""
+        return trigger / (self.rate_hz or EXPOSURE_FOLLOWING_PACE_HZ)
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedSource:
+    """The opened pair; implements `rig.core.protocols.Source`."""
+
+    address: str
+    scene: Scene
+    drive: Drive
+    cameras: Pair[Camera]
+    clock: Clock
+    real_time: bool = field(default=False, init=False)
+
+    @property
+    def intrinsics(self) -> Pair[Intrinsics]:
+        """Return the intrinsics of both cameras."""
+        return Pair(self.scene.intrinsics("primary"), self.scene.intrinsics("secondary"))
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Return the pace of the triggers; None follows the exposures."""
+        return self.drive.rate_hz
+
+    @property
+    def decision_ms(self) -> float:
+        """Return what one decision costs on the run's clock."""
+        return self.drive.decision_ms
+
+    @property
+    def drive_triggers(self) -> int:
+        """Return how many triggers the scene's drive takes."""
+        return round(self.scene.drive_s / self.drive.scene_time_s(1))
+
+    @property
+    def world_version(self) -> str:
+        """Return the version of the scene's world."""
+        return self.scene.world_version
+
+    def pose_index(self, trigger: int) -> int:
+        """Return the trigger itself: every trigger looks from a new pose."""
+        return trigger
+
+    def truth(self, trigger: int) -> Truth:
+        """Return what the scene knows of a trigger."""
+        return self.scene.truth(self.drive.scene_time_s(trigger))
+
+    def close(self) -> None:
+        """Close both cameras."""
+        for camera in self.cameras:
+            camera.close()
+
+
+def simulate(scene: Scene, drive: Drive, address: str) -> SimulatedSource:
+    """Return a pair on a virtual clock: a software trigger of the primary exposes both."""
+    clock = VirtualClock()
+    world = World(clock)
+    timing = drive.model.timing
+    link = Link(world, timing.link_bytes_per_s)
+    wire = Wire(world, us_to_ns(timing.trigger_delay_us))
+    unconnected = Wire(world, 0)
+    wirings = Pair(
+        Wiring(world, link, output=wire, software_trigger=True, overlap="off"),
+        Wiring(world, link, output=unconnected, software_trigger=False, overlap="readout"),
+    )
+    cameras = Pair(
+        *(
+            SimulatedCamera(
+                serial, drive.model, wiring, _photographer(scene, side, drive), drive.latency_frames
+            )
+            for serial, wiring, side in zip(SERIALS, wirings, SIDES, strict=True)
+        )
+    )
+    wire.inputs.append(cameras.secondary.on_trigger)
+    return SimulatedSource(address, scene, drive, Pair[Camera](*cameras), clock)
+
+
+def _photographer(scene: Scene, side: Side, drive: Drive) -> TakePicture:
+    """Return what turns a trigger and its settings into the picture of one camera."""
+    camera = SIDES.index(side)
+    size = scene.intrinsics(side)
+    sensor = Sensor(drive.model, (size.height_px, size.width_px), seed=camera)
+
+    def take(sequence: int, used: Settings) -> NDArray[np.uint8]:
+        view = scene.view(side, drive.scene_time_s(sequence))
+        seeds = np.random.SeedSequence([drive.noise_seed, camera, sequence])
+        noise_seed = int(seeds.generate_state(1, np.uint64)[0])
+        return sensor.develop(view.exposed(used.exposure_us), used, noise_seed)
+
+    return take
