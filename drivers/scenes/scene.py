@@ -1,0 +1,54 @@
+"""What a simulated camera looks at: the seam between the worlds and the sensor."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.types import Intrinsics, Side, Truth
+
+
+class View(Protocol):
+    """The light that falls on one camera at one instant."""
+
+    @property
+    def radiance_cd_m2(self) -> NDArray[np.float32]:
+        """Return the radiance, H x W, cd/m2, each pixel in its own Bayer channel (RGGB)."""
+        ...
+
+    @property
+    def depth_m(self) -> NDArray[np.float32]:
+        """Return the distance along the optical axis, H x W, metres; the sky is far away."""
+        ...
+
+    def exposed(self, exposure_us: float) -> NDArray[np.float32]:
+        """Return the mean radiance over an exposure that starts now, H x W, cd/m2."""
+        ...
+
+
+class Scene(Protocol):
+    """A world, a drive through it and two cameras on the vehicle."""
+
+    @property
+    def world_version(self) -> str:
+        """Return the name and number of what makes the radiances, such as `tunnel/1`."""
+        ...
+
+    @property
+    def drive_s(self) -> float:
+        """Return how long the drive takes, seconds."""
+        ...
+
+    def intrinsics(self, side: Side) -> Intrinsics:
+        """Return the pinhole intrinsics of one camera."""
+        ...
+
+    def view(self, side: Side, time_s: float) -> View:
+        """Return what one camera sees `time_s` seconds after the start of the drive."""
+        ...
+
+    def truth(self, time_s: float) -> Truth:
+        """Return where the primary camera is and how bright its view is."""
+        ...

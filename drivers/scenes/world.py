@@ -1,0 +1,154 @@
+"""A world ready to be looked at: its surfaces, its baked light, its sky and a drive through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rig.core.types import Intrinsics, Side, Truth
+from rig.drivers.scenes.blur import flow_blur
+from rig.drivers.scenes.cache import Arrays, cached
+from rig.drivers.scenes.geometry import Quad, Surfaces, surfaces
+from rig.drivers.scenes.light import LIGHT_VERSION, Sunlight, bake
+from rig.drivers.scenes.raster import render
+from rig.drivers.scenes.textures import Atlas, Image, make_atlas
+from rig.drivers.scenes.trajectories import Drive, Pose
+
+_FX_PER_WIDTH = 1806.0 / 2048.0
+"""The focal length of the thesis' lens and sensor, in picture widths (thesis 5.1)."""
+
+_REMEMBERED_VIEWS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """What a world is made of before any light is baked.
+
+    `key` names everything that the plan was made from; equal keys give equal plans.
+    `textures` and `sky` are called only when the world is not in the cache.
+    """
+
+    key: str
+    version: str
+    quads: Sequence[Quad]
+    textures: Callable[[], dict[str, Image]]
+    sky: Callable[[], NDArray[np.float32]]
+    sun: Sunlight
+    drive: Drive
+    drive_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """A plan with its light."""
+
+    plan: Plan
+    surfaces: Surfaces
+    atlas: Atlas
+    light_lux: NDArray[np.float32]
+    sky: NDArray[np.float32]
+
+
+def bake_world(plan: Plan) -> World:
+    """Return the world of a plan, with its light from the cache or freshly baked."""
+
+    def make() -> Arrays:
+        atlas = make_atlas(plan.textures())
+        light = bake(surfaces(plan.quads, atlas), plan.sun)
+        return {
+            "names": np.array(atlas.names),
+            "texels": atlas.texels,
+            "table": atlas.table,
+            "mean": atlas.mean,
+            "light_lux": light,
+            "sky": plan.sky(),
+        }
+
+    store = cached("worlds", f"{plan.key} {plan.version} {LIGHT_VERSION}", make)
+    atlas = Atlas(tuple(store["names"].tolist()), store["texels"], store["table"], store["mean"])  # type: ignore[arg-type]
+    return World(plan, surfaces(plan.quads, atlas), atlas, store["light_lux"], store["sky"])  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedView:
+    """One camera at one instant; rendered at once, blurred on demand."""
+
+    scene: RenderedScene
+    side: Side
+    time_s: float
+    radiance_cd_m2: NDArray[np.float32]
+    depth_m: NDArray[np.float32]
+
+    def exposed(self, exposure_us: float) -> NDArray[np.float32]:
+        """Return the mean radiance over an exposure that starts now, H x W, cd/m2."""
+        start = self.scene.pose(self.side, self.time_s)
+        end = self.scene.pose(self.side, self.time_s + exposure_us * 1e-6)
+        lens = self.scene.intrinsics(self.side)
+        return flow_blur(self.radiance_cd_m2, self.depth_m, lens, start, end)
+
+    @cached_property
+    def light_cd_m2(self) -> float:
+        """Return the mean radiance of the view."""
+        return float(self.radiance_cd_m2.mean(dtype=np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedScene:
+    """A `Scene`: a world, looked at by two cameras with pictures of one size.
+
+    The last few views are remembered, because a camera and the truth ask for the same one.
+    """
+
+    world: World
+    lens: Intrinsics
+    _views: dict[tuple[Side, float], RenderedView] = field(default_factory=dict)
+
+    @property
+    def world_version(self) -> str:
+        """Return the version of the world family that makes the radiances."""
+        return self.world.plan.version
+
+    @property
+    def drive_s(self) -> float:
+        """Return how long the drive takes, seconds."""
+        return self.world.plan.drive_m / self.world.plan.drive.speed_mps
+
+    def intrinsics(self, side: Side) -> Intrinsics:
+        """Return the pinhole intrinsics; both cameras are alike."""
+        return self.lens
+
+    def pose(self, side: Side, time_s: float) -> Pose:
+        """Return where one camera is."""
+        drive = self.world.plan.drive
+        return drive.pose(time_s) if side == "primary" else drive.secondary_pose(time_s)
+
+    def view(self, side: Side, time_s: float) -> RenderedView:
+        """Return what one camera sees `time_s` seconds after the start of the drive."""
+        key = (side, time_s)
+        if key not in self._views:
+            while len(self._views) >= _REMEMBERED_VIEWS:
+                self._views.pop(next(iter(self._views)), None)
+            w = self.world
+            radiance, depth_m = render(
+                w.surfaces, w.atlas, w.light_lux, w.sky, self.lens, self.pose(side, time_s)
+            )
+            self._views[key] = RenderedView(self, side, time_s, radiance, depth_m)
+        return self._views[key]
+
+    def truth(self, time_s: float) -> Truth:
+        """Return where the primary camera is and how bright its view is."""
+        pose = self.pose("primary", time_s)
+        x, y, z = (float(v) for v in pose.centre)
+        qx, qy, qz, qw = (float(v) for v in Rotation.from_matrix(pose.rotation.T).as_quat())
+        return Truth((x, y, z), (qx, qy, qz, qw), self.view("primary", time_s).light_cd_m2)
+
+
+def lens_for(width_px: int, height_px: int) -> Intrinsics:
+    """Return the intrinsics that keep the field of view at any picture size."""
+    f = _FX_PER_WIDTH * width_px
+    return Intrinsics(width_px, height_px, f, f, (width_px - 1) / 2, (height_px - 1) / 2)

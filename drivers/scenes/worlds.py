@@ -1,0 +1,58 @@
+"""The worlds that can be opened by name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Protocol
+
+from rig.core.errors import UsageError
+from rig.drivers.scenes.scene import Scene
+from rig.drivers.scenes.tunnel import tunnel
+from rig.drivers.scenes.world import Plan, RenderedScene, bake_world, lens_for
+
+SPLITS = ("train", "test")
+
+
+class Builder(Protocol):
+    """Plans one world of a family."""
+
+    def __call__(self, seed: int, split: str, speed_mps: float) -> Plan:
+        """Return the plan of the world `seed` of a split, driven through at a speed."""
+        ...
+
+
+WORLDS: Mapping[str, Builder] = {"tunnel": tunnel}
+
+
+def open_world(
+    name: str,
+    *,
+    seed: int,
+    split: str,
+    width_px: int,
+    height_px: int,
+    speed_mps: float,
+    **options: str,
+) -> Scene:
+    """Return the scene of a world family, its light baked or taken from the cache.
+
+    `seed` >= 0 picks the world within its `split` (train or test); the splits share no world.
+    Raises UsageError for an unknown world, split or option, or a number out of range.
+    """
+    if name not in WORLDS:
+        near = difflib.get_close_matches(name, WORLDS, 1)
+        hint = f"did you mean {near[0]}?" if near else f"known worlds: {', '.join(WORLDS)}"
+        raise UsageError(f"no world is called {name!r}; {hint}")
+    if split not in SPLITS:
+        raise UsageError(f"world {name}: split must be train or test, got {split!r}")
+    if options:
+        raise UsageError(f"world {name} has no option {next(iter(options))!r}; remove it")
+    if seed < 0:
+        raise UsageError(f"world {name}: seed must be 0 or more, got {seed}")
+    if not speed_mps > 0:
+        raise UsageError(f"world {name}: speed_mps must be above 0, got {speed_mps}")
+    if min(width_px, height_px) < 16:
+        raise UsageError(f"world {name}: size must be at least 16x16, got {width_px}x{height_px}")
+    plan = WORLDS[name](seed, split, speed_mps)
+    return RenderedScene(bake_world(plan), lens_for(width_px, height_px))
