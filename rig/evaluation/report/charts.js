@@ -1,0 +1,148 @@
+// Draws the curves of the page from the numbers in its #series element, with uPlot.
+"use strict";
+(() => {
+  const series = JSON.parse(document.getElementById("series").textContent);
+  const host = document.getElementById("charts");
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const whole = { min: series.pair[0], max: series.pair[series.pair.length - 1] };
+  let plots = [];
+  let cursorPair = null;
+
+  const number = (value) => {
+    if (value === null || value === undefined) return "–";
+    const digits = Math.abs(value) >= 100 ? 0 : Math.abs(value) >= 10 ? 1 : 2;
+    return value.toLocaleString("en", { maximumFractionDigits: digits }).replaceAll(",", "\u202f");
+  };
+
+  const element = (tag, className, text) => {
+    const node = document.createElement(tag);
+    if (className) node.className = className;
+    if (text) node.textContent = text;
+    return node;
+  };
+
+  const shade = (u) => {
+    const { left, top, width, height } = u.bbox;
+    const at = (pair) => Math.min(Math.max(u.valToPos(pair, "x", true), left), left + width);
+    u.ctx.save();
+    u.ctx.fillStyle = colour("--shade");
+    const start = at(whole.min);
+    u.ctx.fillRect(start, top, Math.max(at(series.warm_up - 0.5) - start, 0), height);
+    u.ctx.fillStyle = colour("--rule");
+    for (const pair of series.incomplete) {
+      const x = u.valToPos(pair, "x", true);
+      if (x >= left && x <= left + width) u.ctx.fillRect(x - 1, top, 2, height);
+    }
+    u.ctx.restore();
+  };
+
+  const threshold = (limit) => (u) => {
+    const { left, top, width, height } = u.bbox;
+    const y = u.valToPos(limit, "y", true);
+    if (y < top || y > top + height) return;
+    u.ctx.save();
+    u.ctx.strokeStyle = colour("--faint");
+    u.ctx.lineWidth = devicePixelRatio;
+    u.ctx.setLineDash([4 * devicePixelRatio, 4 * devicePixelRatio]);
+    u.ctx.beginPath();
+    u.ctx.moveTo(left, y);
+    u.ctx.lineTo(left + width, y);
+    u.ctx.stroke();
+    u.ctx.restore();
+  };
+
+  const readout = (chart, caption) => (u) => {
+    const i = u.cursor.idx;
+    caption.replaceChildren();
+    const hovering = i !== null && i !== undefined && u.cursor.left >= 0;
+    if (hovering) {
+      cursorPair = series.pair[i];
+      const time = series.time_s[i] === null ? "" : ` · ${series.time_s[i].toFixed(2)} s`;
+      caption.append(element("span", "at", `pair ${series.pair[i]}${time}`));
+    }
+    for (const curve of chart.curves) {
+      const value = hovering ? ` ${number(curve.values[i])}` : "";
+      const entry = element("span");
+      entry.append(element("span", `key ${curve.side}`), `${curve.name}${value}`);
+      caption.append(entry);
+    }
+  };
+
+  const build = (chart, last) => {
+    const figure = element("figure", "chart");
+    const caption = element("figcaption");
+    const title = element("b", "", chart.title);
+    if (chart.unit) title.append(element("span", "unit", ` (${chart.unit})`));
+    const live = element("span", "live");
+    live.style.display = "contents";
+    caption.append(title, live);
+    figure.append(caption);
+    host.append(figure);
+    const axis = { stroke: colour("--soft"), grid: { stroke: colour("--rule"), width: 1 },
+      ticks: { show: false }, font: "11.5px system-ui, sans-serif" };
+    const draw = [];
+    if (chart.threshold !== null) draw.push(threshold(chart.threshold));
+    const show = readout(chart, live);
+    const u = new uPlot({
+      width: figure.clientWidth,
+      height: chart.tall ? 230 : 150,
+      legend: { show: false },
+      padding: [8, 8, 0, 0],
+      cursor: { sync: { key: "drive" }, drag: { x: true, y: false },
+        points: { size: 7 }, focus: { prox: 24 } },
+      scales: { x: { time: false, range: (_, min, max) => [min, max] },
+        y: chart.log ? { distr: 3 } : { range: { min: { pad: 0.05, soft: 0, mode: 1 },
+          max: { pad: 0.08, soft: 1, mode: 2 } } } },
+      axes: [
+        { ...axis, size: last ? 40 : 24, label: last ? "pair" : undefined, labelSize: 16,
+          labelFont: "11.5px system-ui, sans-serif", gap: 4 },
+        { ...axis, size: 52, gap: 6, space: chart.tall ? 36 : 26,
+          values: (_, splits) => splits.map((v) => (v === null ? "" : number(v))) },
+      ],
+      series: [{}, ...chart.curves.map((curve) => ({
+        label: curve.name, stroke: colour(`--${curve.side}`), width: 1.6, spanGaps: false,
+        points: { size: 4 } }))],
+      hooks: { drawClear: [shade], draw, setCursor: [show] },
+    }, [series.pair, ...chart.curves.map((curve) => curve.values)], figure);
+    show(u);
+    touch(u);
+    return { u, figure };
+  };
+
+  const touch = (u) => {
+    const move = (event) => {
+      const box = u.over.getBoundingClientRect();
+      const finger = event.touches[0];
+      u.setCursor({ left: finger.clientX - box.left, top: finger.clientY - box.top }, true, true);
+    };
+    u.over.addEventListener("touchstart", move, { passive: true });
+    u.over.addEventListener("touchmove", move, { passive: true });
+  };
+
+  const look = (min, max) => plots.forEach(({ u }) => u.setScale("x", { min, max }));
+
+  const zoomIn = () => {
+    if (plots.length === 0) return;
+    const { min, max } = plots[0].u.scales.x;
+    const centre = cursorPair === null ? (min + max) / 2 : cursorPair;
+    const half = Math.max((max - min) / 4, 2);
+    look(Math.max(centre - half, whole.min), Math.min(centre + half, whole.max));
+  };
+
+  const drawAll = () => {
+    plots.forEach(({ u }) => u.destroy());
+    host.replaceChildren();
+    plots = series.charts.map((chart, i) => build(chart, i === series.charts.length - 1));
+  };
+
+  const fit = () => plots.forEach(({ u, figure }) => {
+    if (figure.clientWidth !== u.width) u.setSize({ width: figure.clientWidth, height: u.height });
+  });
+
+  if (series.pair.length === 0) return;
+  drawAll();
+  new ResizeObserver(fit).observe(host);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
+  document.getElementById("zoom-in").addEventListener("click", zoomIn);
+  document.getElementById("zoom-out").addEventListener("click", () => look(whole.min, whole.max));
+})();

@@ -1,0 +1,141 @@
+"""The moments worth looking at: each controller's worst and middling pictures, matches drawn."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.types import PairRecord
+from rig.evaluation.inliers import Matches, arrived, grey_of
+from rig.evaluation.statistics import counted
+from rig.evaluation.summary import Summary
+from rig.vision.bayer import to_bgr
+from rig.vision.orb import ANALYSIS_SIZE_PX, OrbFrontEnd
+
+PICTURE_WIDTH_PX = 560
+WEBP_QUALITY = 78
+MOST_LINES = 800
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One side's picture at a moment, with its inliers as SVG path data.
+
+    `flow_path` leads from where each inlier was in the picture before to where it is now,
+    `point_path` marks the latter; both in a viewBox of `width_px` x `height_px`, the size that
+    ORB looked at, stretched over the picture.
+    """
+
+    side: str
+    controller: str
+    data_uri: str
+    width_px: int
+    height_px: int
+    flow_path: str
+    point_path: str
+    inliers: int
+    exposure_us: float
+    gain_db: float
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """Both pictures of one trigger, and why it is shown."""
+
+    trigger: int
+    titles: tuple[str, ...]
+    left: Picture
+    right: Picture
+
+
+def moments(summary: Summary, records: Iterable[PairRecord]) -> list[Moment]:
+    """Return the worst and the median moment of either side, in the order of the drive.
+
+    Reads the records once more and keeps no picture but the chosen ones. A moment that is two at
+    once (both sides at their worst) comes once with both titles.
+    """
+    titles = chosen(summary)
+    return [
+        Moment(
+            trigger=record.trigger,
+            titles=tuple(titles[record.trigger]),
+            left=_picture(summary, "left", before, record),
+            right=_picture(summary, "right", before, record),
+        )
+        for before, record in _neighbours(records)
+        if record.trigger in titles
+    ]
+
+
+def chosen(summary: Summary) -> Mapping[int, list[str]]:
+    """Return the triggers to show and their titles: worst and median ORB inliers of each side."""
+    titles: dict[int, list[str]] = {}
+    trigger = summary.series.trigger
+    for side, controller in (
+        ("left", summary.left.controller),
+        ("right", summary.right.controller),
+    ):
+        counts = summary.camera(side).inliers["orb"]
+        kept = counted(trigger, counts)
+        if kept.size == 0:
+            continue
+        where = counted(trigger, np.where(np.isnan(counts), np.nan, trigger)).astype(int)
+        worst = where[np.argmin(kept)]
+        middle = where[np.argmin(np.abs(kept - np.median(kept)))]
+        titles.setdefault(int(worst), []).append(f"{controller} ({side}) at its worst")
+        titles.setdefault(int(middle), []).append(f"{controller} ({side}) at its median")
+    return titles
+
+
+def _neighbours(records: Iterable[PairRecord]) -> Iterator[tuple[PairRecord, PairRecord]]:
+    before: PairRecord | None = None
+    for record in records:
+        if before is not None:
+            yield before, record
+        before = record
+
+
+def _picture(summary: Summary, side: str, before: PairRecord, record: PairRecord) -> Picture:
+    wired = summary.wired(side)
+    earlier, frame = arrived(getattr(before.shot, wired)), arrived(getattr(record.shot, wired))
+    orb = OrbFrontEnd()
+    matches = orb.match(orb.features(grey_of(earlier)), orb.features(grey_of(frame)))
+    width_px, height_px = ANALYSIS_SIZE_PX
+    flow, points = _paths(matches)
+    return Picture(
+        side=side,
+        controller=getattr(summary, side).controller,
+        data_uri=_data_uri(to_bgr(frame.image, frame.pixel_format)),
+        width_px=width_px,
+        height_px=height_px,
+        flow_path=flow,
+        point_path=points,
+        inliers=matches.inliers,
+        exposure_us=frame.used.exposure_us,
+        gain_db=frame.used.gain_db,
+    )
+
+
+def _paths(matches: Matches) -> tuple[str, str]:
+    """Return the flow lines and the end points of at most MOST_LINES inliers, evenly chosen."""
+    inliers = np.flatnonzero(matches.inlier_mask)
+    shown = inliers[:: -(-len(inliers) // MOST_LINES)] if len(inliers) else inliers
+    a, b = matches.points_a_px[shown], matches.points_b_px[shown]
+    flow = "".join(
+        f"M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}" for (x0, y0), (x1, y1) in zip(a, b, strict=True)
+    )
+    return flow, "".join(f"M{x:.1f} {y:.1f}h0" for x, y in b)
+
+
+def _data_uri(bgr: NDArray[np.uint8]) -> str:
+    height, width = bgr.shape[:2]
+    if width > PICTURE_WIDTH_PX:
+        size = (PICTURE_WIDTH_PX, round(height * PICTURE_WIDTH_PX / width))
+        bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+    _, webp = cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, WEBP_QUALITY])
+    return "data:image/webp;base64," + base64.b64encode(webp.tobytes()).decode("ascii")

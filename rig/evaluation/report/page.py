@@ -1,0 +1,108 @@
+"""report.html: one file that needs nothing else, made from a summary and its recording."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from rig.evaluation.report.curves import curves
+from rig.evaluation.report.moments import MOST_LINES, moments
+from rig.evaluation.report.scatter import scatter
+from rig.evaluation.report.verdict import caution, verdict
+from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, counted, spread
+from rig.evaluation.summary import Recorded, Summary
+
+HERE = Path(__file__).parent
+THIN_SPACE = "\u202f"
+
+
+def write_report(path: Path, recording: Recorded, summary: Summary) -> None:
+    """Write `recording`, summarised as `summary`, to `path` as one offline page.
+
+    The page asks no other file or address for anything, in light and dark. Reads the recording
+    once more for its pictures. An existing file is replaced.
+    """
+    path.write_text(render(recording, summary), encoding="utf-8")
+
+
+def render(recording: Recorded, summary: Summary) -> str:
+    """Return the page as text."""
+    environment = Environment(
+        loader=FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["value"] = value
+    return environment.get_template("template.html").render(_context(recording, summary))
+
+
+def value(number: float | None, places: int | str) -> Markup:
+    """Return a number as `<data>`, exact in its value and rounded in its text; None is a dash.
+
+    `places` are decimals; "auto" shows one only where there is a fraction.
+    """
+    if number is None or math.isnan(number):
+        return Markup("<span>–</span>")
+    if places == "auto":
+        places = 0 if number == int(number) else 1
+    text = f"{number:,.{places}f}".replace(",", THIN_SPACE).replace("-", "−")
+    return Markup('<data value="{}">{}</data>').format(repr(number), text)
+
+
+def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
+    header, series = summary.header, summary.series
+    shown = moments(summary, recording.records())
+    drawn = curves(summary)
+    offsets = series.offset_us[~np.isnan(series.offset_us)]
+    right_side = summary.wired("right")
+    return {
+        "header": header,
+        "simulated": "sim" in header.cameras.split("?")[0].split(":"),
+        "verdict": verdict(summary),
+        "caution": caution(summary),
+        "left": summary.left,
+        "right": summary.right,
+        "sides": [("left", summary.left), ("right", summary.right)],
+        "left_side": summary.left_side,
+        "right_side": right_side,
+        "left_serial": getattr(header.serials, summary.left_side),
+        "right_serial": getattr(header.serials, right_side),
+        "front_ends": list(summary.left.inliers),
+        "counted": len(counted(series.trigger, summary.camera("left").inliers["orb"])),
+        "warm_up": WARM_UP_PAIRS,
+        "blind_below": BLIND_BELOW["orb"],
+        "moments": shown,
+        "most_lines": MOST_LINES,
+        "thinned": any(p.inliers > MOST_LINES for m in shown for p in (m.left, m.right)),
+        "scatter": scatter(summary),
+        "frames": len(series),
+        "pairs_complete": summary.pairs_complete,
+        "drops": summary.drops,
+        "incomplete": drawn["incomplete"],
+        "offset_us": {
+            "median": spread(offsets)[1],
+            "furthest": float(offsets[np.argmax(np.abs(offsets))]) if offsets.size else None,
+        },
+        "series": drawn,
+        "style": _inline("style.css"),
+        "script": _inline("charts.js"),
+        "chart_style": _inline("uplot/uPlot.min.css"),
+        "chart_script": _without_banner(_inline("uplot/uPlot.iife.min.js")),
+        "chart_licence": _inline("uplot/LICENSE.md"),
+    }
+
+
+def _inline(name: str) -> Markup:
+    return Markup((HERE / name).read_text(encoding="utf-8").strip())
+
+
+def _without_banner(script: Markup) -> Markup:
+    """Return the script without its first comment, which holds an address."""
+    return Markup(script.partition("*/")[2].strip())
