@@ -1,0 +1,190 @@
+"""A trained network as a controller: three pictures and their settings in, the next ones out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from rig.core.errors import ControllerError, ModelError
+from rig.core.types import Command, Diagnostics, Frame, Limits, Settings
+from rig.vision.bayer import NETWORK_PX, to_rgb224
+
+SCHEMA = "rig.network/1"
+FRAMES = 3
+START = Settings(1_000.0, 0.0)
+"""What the first picture is taken with."""
+
+_SHAPES = {
+    "images": (3 * FRAMES, NETWORK_PX, NETWORK_PX),
+    "settings": (2 * FRAMES,),
+    "next_settings": (2,),
+}
+
+
+@dataclass(slots=True)
+class NetworkController:
+    """Runs the ONNX file `model` on the last three frames and the settings they were taken with.
+
+    Until three frames exist the oldest is repeated. Settings go in scaled to 0..1 of the limits in
+    the file's metadata (thesis eq. 4.14), the answer is clamped to 0..1 and to the camera's limits.
+    Raises ModelError when the file cannot be read, is no network of this interface, or answers a
+    grey picture with something that is not a number.
+    """
+
+    model: Path
+    _session: Any = field(init=False, repr=False)
+    _model_limits: Limits = field(init=False)
+    _limits: Limits = field(init=False)
+    _images: NDArray[np.float32] = field(init=False, repr=False)
+    _settings: NDArray[np.float32] = field(init=False, repr=False)
+    _frames: int = field(init=False, default=0)
+    _answer: NDArray[np.float32] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._session = _open(self.model)
+        self._model_limits = _check(self.model, self._session)
+        self._limits = self._model_limits
+        self._forget()
+        self._images[:], self._settings[:] = 0.5, 0.5
+        if not np.isfinite(self._run()).all():
+            raise ModelError(f"{self.model}: answers a grey picture with {self._answer.tolist()}")
+
+    def reset(self, limits: Limits) -> Command:
+        """Forget all frames and return the first settings: 1 ms and 0 dB, inside `limits`."""
+        self._limits = limits
+        self._forget()
+        return START.clamp(limits)
+
+    def step(self, frame: Frame) -> Command:
+        """Return the network's settings; raises ControllerError when it answers no number."""
+        self._remember(frame)
+        answer = self._run()
+        if not np.isfinite(answer).all():
+            raise ControllerError(f"{self.model.name} answered {answer.tolist()}")
+        return self._unscaled(np.clip(answer, 0.0, 1.0)).clamp(self._limits)
+
+    def diagnostics(self) -> Diagnostics:
+        """Return the answer before it was clamped, 0..1 of the network's limits."""
+        return {
+            "exposure_answer": float(self._answer[0]),
+            "gain_answer": float(self._answer[1]),
+        }
+
+    def _forget(self) -> None:
+        self._images = np.zeros((1, *_SHAPES["images"]), np.float32)
+        self._settings = np.zeros((1, *_SHAPES["settings"]), np.float32)
+        self._answer = np.zeros(2, np.float32)
+        self._frames = 0
+
+    def _remember(self, frame: Frame) -> None:
+        """Put the frame first and drop the oldest; the first frame ever fills all places."""
+        picture, scaled = to_rgb224(frame.image, frame.pixel_format), self._scaled(frame.used)
+        if self._frames == 0:
+            self._images[0] = np.tile(picture, (FRAMES, 1, 1))
+            self._settings[0] = np.tile(scaled, FRAMES)
+        else:
+            self._images[0] = np.concatenate([picture, self._images[0, :-3]])
+            self._settings[0] = np.concatenate([scaled, self._settings[0, :-2]])
+        self._frames += 1
+
+    def _run(self) -> NDArray[np.float32]:
+        inputs = {"images": self._images, "settings": self._settings}
+        self._answer = np.asarray(self._session.run(["next_settings"], inputs)[0][0], np.float32)
+        return self._answer
+
+    def _scaled(self, used: Settings) -> NDArray[np.float32]:
+        exposure_us, gain_db = self._model_limits.exposure_us, self._model_limits.gain_db
+        return np.array(
+            [
+                (used.exposure_us - exposure_us[0]) / (exposure_us[1] - exposure_us[0]),
+                (used.gain_db - gain_db[0]) / (gain_db[1] - gain_db[0]),
+            ],
+            np.float32,
+        )
+
+    def _unscaled(self, answer: NDArray[np.float32]) -> Settings:
+        exposure_us, gain_db = self._model_limits.exposure_us, self._model_limits.gain_db
+        exposure, gain = answer.tolist()
+        return Settings(
+            exposure_us[0] + exposure * (exposure_us[1] - exposure_us[0]),
+            gain_db[0] + gain * (gain_db[1] - gain_db[0]),
+        )
+
+
+def _open(model: Path) -> Any:
+    """Return a session of one thread, so that two controllers do not fight for the cores."""
+    try:
+        content = model.read_bytes()
+    except OSError as problem:
+        raise ModelError(
+            f"{model}: cannot read the network ({problem.strerror}); name an ONNX file that "
+            "`rig train` wrote"
+        ) from problem
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(
+            content, sess_options=options, providers=["CPUExecutionProvider"]
+        )
+    except Exception as problem:  # the library's errors share no base of their own
+        reason = str(problem).splitlines()[0]
+        raise ModelError(f"{model}: is no ONNX file that can be run ({reason})") from problem
+
+
+def _check(model: Path, session: Any) -> Limits:
+    """Return the limits of a network that has the right interface."""
+    metadata = session.get_modelmeta().custom_metadata_map
+    if metadata.get("schema") != SCHEMA:
+        raise ModelError(
+            f"{model}: metadata schema is {metadata.get('schema')!r}, not {SCHEMA!r}; export it "
+            "with `rig train`"
+        )
+    if metadata.get("frames") != str(FRAMES):
+        raise ModelError(f"{model}: metadata frames is {metadata.get('frames')!r}, not '{FRAMES}'")
+    inputs = {node.name: node for node in session.get_inputs()}
+    outputs = {node.name: node for node in session.get_outputs()}
+    for kind, nodes, names in (
+        ("input", inputs, {"images", "settings"}),
+        ("output", outputs, {"next_settings"}),
+    ):
+        if set(nodes) != names:
+            raise ModelError(f"{model}: {kind}s are {sorted(nodes)}, not {sorted(names)}")
+    for name, node in {**inputs, **outputs}.items():
+        one_at_a_time = node.shape[:1] == [1] or not isinstance(node.shape[0], int)
+        shape = tuple(node.shape[1:])
+        if node.type != "tensor(float)" or shape != _SHAPES[name] or not one_at_a_time:
+            wanted = ["N", *_SHAPES[name]]
+            raise ModelError(
+                f"{model}: {name} is {node.type} {node.shape}, not tensor(float) {wanted}"
+            )
+    return Limits(
+        _range(model, metadata, "exposure_us_lo", "exposure_us_hi"),
+        _range(model, metadata, "gain_db_lo", "gain_db_hi"),
+    )
+
+
+def _range(
+    model: Path, metadata: Mapping[str, str], low_key: str, high_key: str
+) -> tuple[float, float]:
+    low, high = _number(model, metadata, low_key), _number(model, metadata, high_key)
+    if not low < high:
+        raise ModelError(f"{model}: metadata {low_key}={low:g} is not below {high_key}={high:g}")
+    return low, high
+
+
+def _number(model: Path, metadata: Mapping[str, str], key: str) -> float:
+    try:
+        value = float(metadata[key])
+    except (KeyError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise ModelError(f"{model}: metadata {key} is {metadata.get(key)!r}, not a number")
+    return value
