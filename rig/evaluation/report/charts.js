@@ -91,7 +91,7 @@
       cursor: { sync: { key: "drive" }, drag: { x: true, y: false },
         points: { size: 7 }, focus: { prox: 24 } },
       scales: { x: { time: false, range: (_, min, max) => [min, max] },
-        y: chart.log ? { distr: 3 } : { range: { min: { pad: 0.05, soft: 0, mode: 1 },
+        y: chart.log ? { distr: 3, range: (_, min, max) => [min / 1.25, max * 1.25] } : { range: { min: { pad: 0.05, soft: 0, mode: 1 },
           max: { pad: 0.08, soft: 1, mode: 2 } } } },
       axes: [
         { ...axis, size: last ? 40 : 24, label: last ? "pair" : undefined, labelSize: 16,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.evaluation.report.wording import FRONT_END_NAMES
 from rig.evaluation.series import Column
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS
 from rig.evaluation.summary import Summary
@@ -22,7 +23,7 @@ def curves(summary: Summary) -> dict[str, Any]:
         *(
             _chart(
                 summary,
-                f"{name.upper()} inliers",
+                f"{FRONT_END_NAMES[name]} inliers",
                 "",
                 left.inliers[name],
                 right.inliers[name],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +12,12 @@ from markupsafe import Markup
 from rig.evaluation.report.curves import curves
 from rig.evaluation.report.moments import MOST_LINES, moments
 from rig.evaluation.report.scatter import scatter
-from rig.evaluation.report.verdict import caution, verdict
+from rig.evaluation.report.verdict import verdict
+from rig.evaluation.report.wording import FRONT_END_NAMES, data
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, counted, spread
 from rig.evaluation.summary import Recorded, Summary
 
 HERE = Path(__file__).parent
-THIN_SPACE = "\u202f"
 
 
 def write_report(path: Path, recording: Recorded, summary: Summary) -> None:
@@ -39,21 +38,8 @@ def render(recording: Recorded, summary: Summary) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["value"] = value
+    environment.filters["value"] = data
     return environment.get_template("template.html").render(_context(recording, summary))
-
-
-def value(number: float | None, places: int | str) -> Markup:
-    """Return a number as `<data>`, exact in its value and rounded in its text; None is a dash.
-
-    `places` are decimals; "auto" shows one only where there is a fraction.
-    """
-    if number is None or math.isnan(number):
-        return Markup("<span>–</span>")
-    if places == "auto":
-        places = 0 if number == int(number) else 1
-    text = f"{number:,.{places}f}".replace(",", THIN_SPACE).replace("-", "−")
-    return Markup('<data value="{}">{}</data>').format(repr(number), text)
 
 
 def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
@@ -66,7 +52,7 @@ def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
         "header": header,
         "simulated": "sim" in header.cameras.split("?")[0].split(":"),
         "verdict": verdict(summary),
-        "caution": caution(summary),
+        "control": summary.left.controller == summary.right.controller,
         "left": summary.left,
         "right": summary.right,
         "sides": [("left", summary.left), ("right", summary.right)],
@@ -74,7 +60,7 @@ def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
         "right_side": right_side,
         "left_serial": getattr(header.serials, summary.left_side),
         "right_serial": getattr(header.serials, right_side),
-        "front_ends": list(summary.left.inliers),
+        "front_ends": {name: FRONT_END_NAMES[name] for name in summary.left.inliers},
         "counted": len(counted(series.trigger, summary.camera("left").inliers["orb"])),
         "warm_up": WARM_UP_PAIRS,
         "blind_below": BLIND_BELOW["orb"],

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rig.evaluation.report.wording import number
 from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import Summary
 
@@ -65,12 +66,15 @@ def scatter(summary: Summary) -> Scatter:
     step_db = next(step for step in (2, 3, 5, 10) if top_db / step <= 7)
     return Scatter(
         dots=[
-            Dot(side, x(exposure), y(gain), f"pair {pair}: {exposure:.0f} µs, {gain:.1f} dB")
+            Dot(
+                side,
+                x(exposure),
+                y(gain),
+                f"pair {pair}: {number(exposure, 0)} µs, {number(gain, 1)} dB",
+            )
             for side, pair, exposure, gain in points
         ],
-        x_ticks=[
-            Tick(x(value), f"{value:,.0f}".replace(",", "\u202f")) for value in _decades(low, high)
-        ],
+        x_ticks=[Tick(x(value), number(value)) for value in _decades(low, high)],
         y_ticks=[Tick(y(value), str(value)) for value in range(0, math.floor(top_db) + 1, step_db)],
     )
 
