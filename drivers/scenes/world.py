@@ -97,6 +97,10 @@ class RenderedView:
         return float(self.radiance_cd_m2.mean(dtype=np.float64))
 
 
+_ROS_FROM_WORLD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""From the left-handed frame of the renderer to that of REP 103: x forward, y left, z up."""
+
+
 @dataclass(frozen=True, eq=False)
 class RenderedScene:
     """A `Scene`: a world, looked at by two cameras with pictures of one size.
@@ -143,8 +147,9 @@ class RenderedScene:
     def truth(self, time_s: float) -> Truth:
         """Return where the primary camera is and how bright its view is."""
         pose = self.pose("primary", time_s)
-        x, y, z = (float(v) for v in pose.centre)
-        qx, qy, qz, qw = (float(v) for v in Rotation.from_matrix(pose.rotation.T).as_quat())
+        x, y, z = (float(v) for v in _ROS_FROM_WORLD @ pose.centre)
+        optical = Rotation.from_matrix(_ROS_FROM_WORLD @ pose.rotation.T)
+        qx, qy, qz, qw = (float(v) for v in optical.as_quat())
         return Truth((x, y, z), (qx, qy, qz, qw), self.view("primary", time_s).light_cd_m2)
 
 

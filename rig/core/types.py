@@ -127,9 +127,9 @@ class Decision:
 class Truth:
     """What the simulation knows of one trigger: where the primary was and how bright it was.
 
-    World frame: x right, y up, z along the road, metres. `orientation_xyzw` rotates the primary
-    camera's optical frame (x right, y down, z forward) into the world. `light_cd_m2` is the mean
-    radiance of the primary's view.
+    World frame as in REP 103: x forward along the road's start, y left, z up, metres.
+    `orientation_xyzw` rotates the primary camera's optical frame (x right, y down, z forward) into
+    the world. `light_cd_m2` is the mean radiance of the primary's view.
     """
 
     position_m: tuple[float, float, float]

@@ -1,0 +1,48 @@
+"""`rig targets REC...`: what the network should have asked for, pose by pose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rig.cli.exits import OK
+from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+
+
+def targets(
+    *recordings: Path,
+    out: Path,
+    metric: str = "hybrid",
+    window: int = 4,
+    alpha: float = 0.5,
+    terminal: Terminal = DEFAULT_TERMINAL,
+) -> int:
+    """Find the settings to aim for at every pose of recordings (thesis eq. 4.11 to 4.13).
+
+    Example: rig targets data/tunnel-* --metric hybrid --out data/hybrid.npz
+
+    Parameters
+    ----------
+    recordings:
+        Folders or files that `rig collect` wrote.
+    out:
+        The target file to write.
+    metric:
+        feat, grid, or hybrid of both.
+    window:
+        How many poses ahead the best picture may lie.
+    alpha:
+        Weight of feat in hybrid, 0 to 1.
+    """
+    from rig.models.targets import make_targets
+
+    with terminal.progress("targets", None) as advance:
+        found = make_targets(
+            recordings, metric, window, alpha, lambda _, done, total: advance(done, total)
+        )
+    found.save(out)
+    count = len(found.poses)
+    terminal.result(
+        f"{count} poses of {len(found.recordings)} recordings: {out}",
+        {"file": str(out), "poses": count, "recordings": len(found.recordings)},
+    )
+    return OK
