@@ -1,0 +1,321 @@
+"""Reads MCAP records with every length checked before anything is allocated.
+
+Record bodies are parsed by the `mcap` library or by hand; walking, limits and checksums are ours,
+because a damaged file must end in one clear error and never in a wrong number of messages.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Self
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+
+from rig.core.errors import RecordingDamaged, RecordingError
+from rig.record.codec import Message
+
+BAG_FILE = "metadata.yaml"
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEADER = struct.Struct("<BQ")
+_CHUNK_HEADER = struct.Struct("<QQQII")
+_MESSAGE_HEADER = struct.Struct("<HIQQ")
+_FOOTER_BYTES = RECORD_HEADER.size + 20
+_MAX_CHUNK_BYTES = 256 << 20
+_MAX_RECORD_BYTES = 64 << 20
+
+PARSERS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.STATISTICS: Statistics,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """Where one whole record lies: `size` counts its 9-byte header too."""
+
+    opcode: int
+    start: int
+    size: int
+
+    @property
+    def end(self) -> int:
+        """Return the offset of the byte after the record."""
+        return self.start + self.size
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """A chunk's records, its times and where they begin inside the chunk record."""
+
+    start_time_ns: int
+    end_time_ns: int
+    compression: str
+    compressed_bytes: int
+    crc_holds: bool
+    records: memoryview
+
+
+@dataclass(slots=True)
+class Summary:
+    """The index at the end of a file."""
+
+    statistics: Statistics
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: list[MetadataIndex] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
+
+    def messages(self, topic: str) -> int:
+        """Return how many messages the file claims to hold on `topic`."""
+        counts = self.statistics.channel_message_counts
+        return sum(counts.get(id_, 0) for id_, each in self.channels.items() if each.topic == topic)
+
+
+def find(path: Path) -> Path:
+    """Return the MCAP file that `path` names; raises RecordingError when there is not one."""
+    if not path.exists():
+        raise RecordingError(f"{path} does not exist; name a recording's folder or .mcap file")
+    folder = path.parent if path.name == BAG_FILE else path
+    if not folder.is_dir():
+        return path
+    files = sorted(folder.glob("*.mcap"))
+    if len(files) != 1:
+        count = "no .mcap file" if not files else f"{len(files)} .mcap files"
+        raise RecordingError(f"{folder} holds {count}; name one recording")
+    return files[0]
+
+
+@contextmanager
+def damage(path: Path) -> Iterator[None]:
+    """Turn whatever a damaged file makes the code below raise into RecordingDamaged."""
+    try:
+        yield
+    except (McapError, struct.error, ValueError, KeyError, IndexError, TypeError) as error:
+        raise RecordingDamaged(
+            f"{path} is damaged: {_said(error)}; try: rig recover {path}"
+        ) from error
+    except (OverflowError, MemoryError, RecursionError, AttributeError) as error:
+        raise RecordingDamaged(
+            f"{path} is damaged: {_said(error)}; try: rig recover {path}"
+        ) from error
+
+
+def _said(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        return f"{error.args[0]!r} is missing"
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+class Container:
+    """An open MCAP file."""
+
+    def __init__(self, path: Path) -> None:
+        """Open `path`; raises RecordingError or, for what is no MCAP file, RecordingDamaged."""
+        self.path = path
+        try:
+            self._fd = os.open(path, os.O_RDONLY)
+        except OSError as error:
+            raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+        self.size = os.fstat(self._fd).st_size
+        if self.bytes_at(0, len(MAGIC)) != MAGIC:
+            self.close()
+            raise RecordingDamaged(f"{path} is no MCAP file; is it the right one?")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; closing twice is harmless."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def bytes_at(self, start: int, size: int) -> bytes:
+        """Return up to `size` bytes at `start`: fewer at the end of the file."""
+        return os.pread(self._fd, size, start)
+
+    def extents(self, start: int = len(MAGIC)) -> Iterator[Extent]:
+        """Walk the whole records from `start` on; stops silently where the file is cut."""
+        while True:
+            header = self.bytes_at(start, RECORD_HEADER.size)
+            if len(header) < RECORD_HEADER.size:
+                return
+            opcode, length = RECORD_HEADER.unpack(header)
+            extent = Extent(opcode, start, RECORD_HEADER.size + length)
+            if opcode == 0 or extent.end > self.size:
+                return
+            yield extent
+            start = extent.end
+
+    def body(self, extent: Extent) -> bytearray:
+        """Return a record without its header, writable and owned by the caller."""
+        limit = _MAX_CHUNK_BYTES if extent.opcode == Opcode.CHUNK else _MAX_RECORD_BYTES
+        size = extent.size - RECORD_HEADER.size
+        if size > limit:
+            raise ValueError(f"a record of {size} bytes at byte {extent.start} is over {limit}")
+        body = bytearray(size)
+        if os.preadv(self._fd, [body], extent.start + RECORD_HEADER.size) != size:
+            raise ValueError(f"the record at byte {extent.start} is cut")
+        return body
+
+    def parsed(self, extent: Extent) -> Any:
+        """Return a small record as the library's dataclass."""
+        return parse(extent.opcode, self.body(extent))
+
+    def at(self, start: int, opcode: Opcode) -> Any:
+        """Return the record that an index says is at `start`."""
+        extent = next(self.extents(start), None)
+        if extent is None or extent.opcode != opcode:
+            raise ValueError(f"there is no {opcode.name.lower()} at byte {start}")
+        return self.parsed(extent)
+
+    def summary(self) -> Summary:
+        """Return the index; raises ValueError when the file does not end in one."""
+        end = self.size - len(MAGIC)
+        tail = self.bytes_at(max(0, end - _FOOTER_BYTES), _FOOTER_BYTES + len(MAGIC))
+        if len(tail) < _FOOTER_BYTES + len(MAGIC) or not tail.endswith(MAGIC):
+            raise ValueError("the file is cut short")
+        opcode, length = RECORD_HEADER.unpack_from(tail)
+        if (opcode, length) != (Opcode.FOOTER, 20):
+            raise ValueError("the footer is missing")
+        footer = parse(Opcode.FOOTER, tail[RECORD_HEADER.size : _FOOTER_BYTES])
+        start = footer.summary_start
+        size = end - 4 - start
+        if not 0 < start < end or size > _MAX_RECORD_BYTES:
+            raise ValueError("the index is missing")
+        if footer.summary_crc != zlib.crc32(self.bytes_at(start, size)):
+            raise ValueError("the checksum of the index is wrong")
+        return self._summary(start)
+
+    def _summary(self, start: int) -> Summary:
+        groups: dict[int, list[Any]] = {}
+        for extent in self.extents(start):
+            if extent.opcode in PARSERS:
+                groups.setdefault(extent.opcode, []).append(self.parsed(extent))
+        (statistics,) = groups[Opcode.STATISTICS]
+        return Summary(
+            statistics,
+            {channel.id: channel for channel in groups.get(Opcode.CHANNEL, [])},
+            groups.get(Opcode.METADATA_INDEX, []),
+            groups.get(Opcode.ATTACHMENT_INDEX, []),
+        )
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message in file order; raises ValueError for a damaged chunk."""
+        topics: dict[int, str] = {}
+        for extent in self.extents():
+            if extent.opcode == Opcode.DATA_END:
+                return
+            if extent.opcode == Opcode.MESSAGE:
+                raise ValueError(f"the message at byte {extent.start} is in no chunk")
+            if extent.opcode == Opcode.CHUNK:
+                chunk = read_chunk(self.body(extent))
+                if not chunk.crc_holds:
+                    raise ValueError(f"the checksum of the chunk at byte {extent.start} is wrong")
+                yield from _messages(chunk, topics)
+        raise ValueError("the file is cut short")
+
+
+def parse(opcode: int, body: bytes | bytearray | memoryview) -> Any:
+    """Return a record's body as the library's dataclass; raises ValueError when it is too short."""
+    stream = ReadDataStream(BytesIO(body))
+    record = PARSERS[opcode].read(stream)
+    if stream.count > len(body):
+        raise ValueError(f"a {Opcode(opcode).name.lower()} record is too short")
+    return record
+
+
+def read_chunk(body: bytearray) -> Chunk:
+    """Return a chunk, its records decompressed; raises ValueError when lengths do not fit."""
+    view = memoryview(body)
+    start_ns, end_ns, size, crc, name_size = _CHUNK_HEADER.unpack_from(view)
+    at = _CHUNK_HEADER.size + name_size
+    compression = bytes(view[_CHUNK_HEADER.size : at]).decode()
+    (stored,) = struct.unpack_from("<Q", view, at)
+    data = view[at + 8 :]
+    if len(data) != stored:
+        raise ValueError(f"a chunk claims {stored} bytes and holds {len(data)}")
+    records = inflate(data, compression, size)
+    crc_holds = crc in (0, zlib.crc32(records))
+    return Chunk(start_ns, end_ns, compression, stored, crc_holds, records)
+
+
+def inflate(data: memoryview, compression: str, size: int) -> memoryview:
+    """Return a chunk's data decompressed, never allocating more than the cap."""
+    if compression == "":
+        plain = data
+    elif size > _MAX_CHUNK_BYTES:
+        raise ValueError(f"a chunk of {size} bytes is over {_MAX_CHUNK_BYTES}")
+    elif compression == "zstd":
+        import zstandard
+
+        plain = memoryview(zstandard.ZstdDecompressor().stream_reader(data).read(size + 1))
+    elif compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+        plain = memoryview(LZ4FrameDecompressor().decompress(bytes(data), max_length=size + 1))
+    else:
+        raise ValueError(f"compression {compression!r} is unknown")
+    if len(plain) != size:
+        raise ValueError(f"a chunk claims {size} bytes and holds {len(plain)}")
+    return plain
+
+
+def chunk_records(records: memoryview) -> Iterator[tuple[int, int, memoryview]]:
+    """Yield opcode, offset and body of every record in a chunk; raises ValueError at a bad end."""
+    at = 0
+    while at < len(records):
+        opcode, length = RECORD_HEADER.unpack_from(records, at)
+        end = at + RECORD_HEADER.size + length
+        if end > len(records):
+            raise ValueError("a record runs over the end of its chunk")
+        yield opcode, at, records[at + RECORD_HEADER.size : end]
+        at = end
+
+
+def message_key(body: memoryview) -> tuple[int, int]:
+    """Return the channel id and the log time of a message record."""
+    channel, _, log_time_ns, _ = _MESSAGE_HEADER.unpack_from(body)
+    return channel, log_time_ns
+
+
+def _messages(chunk: Chunk, topics: dict[int, str]) -> Iterator[Message]:
+    for opcode, _, body in chunk_records(chunk.records):
+        if opcode == Opcode.CHANNEL:
+            channel = parse(opcode, body)
+            topics[channel.id] = channel.topic
+        elif opcode == Opcode.MESSAGE:
+            id_, sequence, log_time_ns, _ = _MESSAGE_HEADER.unpack_from(body)
+            data = body[_MESSAGE_HEADER.size :]
+            yield Message(topics[id_], sequence, log_time_ns, data)

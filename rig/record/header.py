@@ -1,0 +1,107 @@
+"""What is known of a run before its first trigger, and how it is kept in the file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from rig.core.errors import RecordingError
+from rig.core.types import SIDES, Intrinsics, Pair, Side
+
+SCHEMA = "rig.recording/1"
+RUN, VERSIONS, MODELS = "rig.run", "rig.versions", "rig.models"
+OPTIONS = "options.json"
+
+
+@dataclass(frozen=True, slots=True)
+class RunHeader:
+    """Who recorded what with which software, written before the first trigger.
+
+    `cameras` is the resolved address, `world_version` is empty for real cameras, `controllers`
+    are names, `options` holds every resolved option and `models` the SHA-256 of each network.
+    """
+
+    command: str
+    cameras: str
+    seed: int
+    world_version: str
+    versions: Mapping[str, str]
+    git: str
+    serials: Pair[str]
+    intrinsics: Pair[Intrinsics]
+    controllers: Pair[str]
+    options: Mapping[str, str]
+    models: Mapping[str, str]
+
+
+def to_metadata(header: RunHeader) -> dict[str, dict[str, str]]:
+    """Return the MCAP metadata records of a header, by name."""
+    run = {
+        "schema": SCHEMA,
+        "command": header.command,
+        "cameras": header.cameras,
+        "seed": str(header.seed),
+        "world_version": header.world_version,
+        "git": header.git,
+    }
+    cameras = {
+        _camera(side): {
+            "serial": serial,
+            "controller": controller,
+            **{name: str(value) for name, value in asdict(intrinsics).items()},
+        }
+        for side, serial, controller, intrinsics in zip(
+            SIDES, header.serials, header.controllers, header.intrinsics, strict=True
+        )
+    }
+    return {RUN: run, **cameras, VERSIONS: dict(header.versions), MODELS: dict(header.models)}
+
+
+def to_attachments(header: RunHeader) -> dict[str, bytes]:
+    """Return the MCAP attachments of a header, by name."""
+    return {OPTIONS: json.dumps(dict(header.options), indent=2, sort_keys=True).encode()}
+
+
+def from_parts(
+    metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
+) -> RunHeader:
+    """Return the header that `metadata` and `attachments` hold.
+
+    Raises KeyError or ValueError when something is missing or is not what it must be, and
+    RecordingError for another version of the schema.
+    """
+    run, cameras = metadata[RUN], Pair(*(metadata[_camera(side)] for side in SIDES))
+    if run["schema"] != SCHEMA:
+        raise RecordingError(f"the recording is {run['schema']!r}, this rig reads {SCHEMA!r}")
+    options = json.loads(attachments[OPTIONS])
+    if not isinstance(options, dict):
+        raise ValueError(f"{OPTIONS} is not a table")
+    return RunHeader(
+        command=run["command"],
+        cameras=run["cameras"],
+        seed=int(run["seed"]),
+        world_version=run["world_version"],
+        versions=dict(metadata[VERSIONS]),
+        git=run["git"],
+        serials=Pair(*(camera["serial"] for camera in cameras)),
+        intrinsics=Pair(*map(_intrinsics, cameras)),
+        controllers=Pair(*(camera["controller"] for camera in cameras)),
+        options={str(name): str(value) for name, value in options.items()},
+        models=dict(metadata[MODELS]),
+    )
+
+
+def _camera(side: Side) -> str:
+    return f"rig.camera.{side}"
+
+
+def _intrinsics(camera: Mapping[str, str]) -> Intrinsics:
+    return Intrinsics(
+        width_px=int(camera["width_px"]),
+        height_px=int(camera["height_px"]),
+        fx_px=float(camera["fx_px"]),
+        fy_px=float(camera["fy_px"]),
+        cx_px=float(camera["cx_px"]),
+        cy_px=float(camera["cy_px"]),
+    )

@@ -1,0 +1,167 @@
+"""Writes a run to `run.mcap` from a thread of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import queue
+import threading
+from pathlib import Path
+from typing import Self
+
+from rig.core.errors import RecordingError, RigError
+from rig.core.types import Frame, Lost, Pair, PairRecord
+from rig.record import bag
+from rig.record.header import RunHeader
+from rig.record.recover import recover
+from rig.record.sink import Sink
+
+FILE_NAME = "run.mcap"
+QUEUE_FULL, DISK_FULL = "recorder queue full", "disk full"
+
+_WAITING_REAL_TIME = 110
+_WAITING_VIRTUAL_TIME = 8
+_STALLED_TRIGGERS = 10_000
+
+
+class RecordWriter:
+    """A `Recorder` that writes `folder/run.mcap` for ROS 2 tools.
+
+    At most 110 pairs (two seconds at 55 Hz) wait for the disk in real time, then a trigger loses
+    its pictures, never its record: both frames become `Lost` with cause "recorder queue full".
+    In virtual time `write` waits instead. Frames are not copied, so they must not change after
+    `write`. A failure to write is raised as RecordingError by the next `write`, or at the end of
+    the `with` block, after which the file is finalised with all that was written.
+    """
+
+    def __init__(self, folder: Path, header: RunHeader, *, real_time: bool) -> None:
+        self.path = folder / FILE_NAME
+        self._header = header
+        self._real_time = real_time
+        self._queue: queue.SimpleQueue[tuple[PairRecord, bool] | None] = queue.SimpleQueue()
+        self._places: queue.SimpleQueue[None] = queue.SimpleQueue()
+        for _ in range(_WAITING_REAL_TIME if real_time else _WAITING_VIRTUAL_TIME):
+            self._places.put(None)
+        self._failure: RecordingError | None = None
+        self._reported = False
+        self._stopped = False
+        self._torn = False
+        self._open = False
+
+    def __enter__(self) -> Self:
+        """Create the file; raises RecordingError when it exists or there is no room for it."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._sink = Sink(self.path, self._header, bounded_cache=self._real_time)
+        except FileExistsError:
+            raise RecordingError(
+                f"{self.path} exists already and is kept; name another folder with --out"
+            ) from None
+        except OSError as error:
+            raise RecordingError(
+                f"cannot create {self.path}: {error.strerror}; name another folder with --out"
+            ) from error
+        self._thread = threading.Thread(target=self._work, name="rig-recorder")
+        self._thread.start()
+        self._open = True
+        return self
+
+    def write(self, record: PairRecord) -> None:
+        """Queue one record; raises RecordingError when an earlier one could not be written."""
+        if not self._open:
+            raise RecordingError(f"{self.path} is not open for writing; use a with block")
+        self._report()
+        if self._take_place():
+            self._queue.put((record, True))
+            return
+        self._queue.put((without_pictures(record, QUEUE_FULL), False))
+        if self._queue.qsize() > _STALLED_TRIGGERS:
+            raise RecordingError(
+                f"{self.path}: the disk took nothing during {_STALLED_TRIGGERS} triggers; "
+                "name a folder on another disk with --out"
+            )
+
+    def __exit__(self, *exc: object) -> None:
+        """Write what is queued and end the file, also after Ctrl-C, once or twice."""
+        self._open = False
+        self._queue.put(None)
+        interrupted = False
+        while self._thread.is_alive():
+            try:
+                self._thread.join()
+            except KeyboardInterrupt:
+                interrupted = True
+        self._report()
+        if interrupted:
+            raise KeyboardInterrupt
+
+    def _take_place(self) -> bool:
+        try:
+            self._places.get(block=not self._real_time)
+        except queue.Empty:
+            return False
+        return True
+
+    def _report(self) -> None:
+        if self._failure is not None and not self._reported:
+            self._reported = True
+            raise self._failure
+
+    def _work(self) -> None:
+        """Run the thread: every place taken is given back, whatever happens."""
+        while (item := self._queue.get()) is not None:
+            record, has_place = item
+            self._store(record)
+            del item, record  # the picture's memory is free before its place is
+            if has_place:
+                self._places.put(None)
+        self._end()
+
+    def _store(self, record: PairRecord) -> None:
+        if self._stopped:
+            return
+        try:
+            self._sink.take(without_pictures(record, DISK_FULL) if self._sink.full else record)
+        except Exception as error:
+            self._stop(f"cannot record trigger {record.trigger}", error)
+        if self._sink.full:
+            self._fail(
+                f"the disk is full after {self._sink.triggers} triggers; {self.path} is finalised "
+                "and kept; free space or name another folder with --out"
+            )
+
+    def _end(self) -> None:
+        try:
+            if not self._torn:
+                self._sink.finish()
+            self._sink.close_file()
+            if not self._torn:
+                bag.describe(self.path)
+        except Exception as error:
+            self._stop("cannot end the recording", error)
+        if self._torn:
+            self._repair()
+
+    def _repair(self) -> None:
+        try:
+            recover(self.path)
+        except (OSError, RigError) as error:
+            self._fail(str(error))
+
+    def _stop(self, what: str, error: Exception) -> None:
+        """Take nothing more; after an OSError the file ends in an unfinished record."""
+        self._stopped = True
+        self._torn = isinstance(error, OSError)
+        why = (error.strerror if isinstance(error, OSError) else None) or error
+        self._fail(f"{what} in {self.path}: {why}; what was written before is kept")
+
+    def _fail(self, message: str) -> None:
+        if self._failure is None:
+            self._failure = RecordingError(message)
+
+
+def without_pictures(record: PairRecord, cause: str) -> PairRecord:
+    """Return `record` with its frames lost to `cause`; earlier causes stay."""
+    shot: Pair[Frame | Lost] = Pair(
+        *(Lost(s.sequence, cause) if isinstance(s, Frame) else s for s in record.shot)
+    )
+    return dataclasses.replace(record, shot=shot, offset_ns=None, cause=record.cause or cause)
