@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rig.drivers.scenes.geometry import Surfaces
 from rig.drivers.scenes.trajectories import Vector
 
-LIGHT_VERSION = "light/1"
+LIGHT_VERSION = "light/2"
 """Part of the cache key: a change here bakes every world again."""
 
 _RAYS = (16, 48)
@@ -38,7 +38,11 @@ class Sunlight(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """Bounding boxes in depth-first order; `skip` is the next box when one is missed."""
+    """Bounding boxes in depth-first order; `skip` is the next box when one is missed.
+
+    `inverse_a` and `inverse_b` turn a place on a quad into shares of its two edges; in these
+    coordinates its corners are (0, 0), (1, 0), `far_corner` and (0, 1).
+    """
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -48,6 +52,7 @@ class Tree(NamedTuple):
     quads: NDArray[np.int64]
     inverse_a: NDArray[np.float64]
     inverse_b: NDArray[np.float64]
+    far_corner: NDArray[np.float64]
 
 
 def bake(surfaces: Surfaces, sun: Sunlight) -> NDArray[np.float32]:
@@ -102,6 +107,9 @@ def _build_tree(surfaces: Surfaces) -> Tree:
     a, b = surfaces.along_a, surfaces.along_b
     aa, bb, ab = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1)
     area2 = (aa * bb - ab * ab)[:, None]
+    inverse_a = (a * bb[:, None] - b * ab[:, None]) / area2
+    inverse_b = (b * aa[:, None] - a * ab[:, None]) / area2
+    diagonal = surfaces.corners[:, 2] - surfaces.corners[:, 0]
     return Tree(
         low=np.array([node[0] for node in nodes]),
         high=np.array([node[1] for node in nodes]),
@@ -109,8 +117,9 @@ def _build_tree(surfaces: Surfaces) -> Tree:
         first=np.array([node[2] for node in nodes]),
         held=np.array([node[3] for node in nodes]),
         quads=np.array(ordered),
-        inverse_a=(a * bb[:, None] - b * ab[:, None]) / area2,
-        inverse_b=(b * aa[:, None] - a * ab[:, None]) / area2,
+        inverse_a=inverse_a,
+        inverse_b=inverse_b,
+        far_corner=np.stack([(diagonal * inverse_a).sum(1), (diagonal * inverse_b).sum(1)], 1),
     )
 
 
@@ -177,7 +186,11 @@ def _meet(
     ib = tree.inverse_b[q]
     a = x * ia[0] + y * ia[1] + z * ia[2]
     b = x * ib[0] + y * ib[1] + z * ib[2]
-    if a < 0.0 or a > 1.0 or b < 0.0 or b > 1.0:
+    fa = tree.far_corner[q, 0]
+    fb = tree.far_corner[q, 1]
+    right = (fa - 1.0) * b - fb * (a - 1.0)
+    top = -fa * (b - fb) - (1.0 - fb) * (a - fa)
+    if a < 0.0 or b < 0.0 or right < 0.0 or top < 0.0:
         return -1.0
     return float(t)
 
