@@ -69,7 +69,7 @@ class SimulatedCamera:
         self._exposure_end_ns = 0
         self._readout_end_ns = 0
         self._arrived: deque[Shot] = deque()
-        self._last_ignored: str = ""
+        self._refused: tuple[int, str] | None = None
         self._ignored = 0
         self._open = True
 
@@ -113,7 +113,10 @@ class SimulatedCamera:
         world = self._wiring.world
         deadline_ns = world.clock.now_ns() + s_to_ns(timeout_s)
         if not world.run_until(lambda: bool(self._arrived), deadline_ns):
-            raise GrabTimeout(f"{self._serial}: no frame within {timeout_s:g} s; {self._why()}")
+            cause, detail = self._why_no_frame()
+            raise GrabTimeout(
+                f"{self._serial}: no frame within {timeout_s:g} s; {cause}{detail}", cause
+            )
         shot = self._arrived.popleft()
         return Frame(
             image=shot.image,
@@ -134,9 +137,9 @@ class SimulatedCamera:
         busy = self._busy(time_ns)
         if busy:
             self._ignored += 1
-            self._last_ignored = f"trigger {sequence} came during the {busy} and was ignored"
+            self._refused = (sequence, busy)
             return
-        self._last_ignored = ""
+        self._refused = None
         used = self._program.next_exposure()
         self._exposure_end_ns = time_ns + us_to_ns(used.exposure_us)
         readout_start_ns = max(self._exposure_end_ns, self._readout_end_ns)
@@ -165,13 +168,15 @@ class SimulatedCamera:
         delivered_ns = now_ns + s_to_ns(self._model.timing.delivery_s)
         self._wiring.world.at(delivered_ns, lambda _: self._arrived.append(shot))
 
-    def _why(self) -> str:
-        if self._last_ignored:
-            return f"{self._last_ignored}: wait for the frame before triggering again"
-        now_ns = self._wiring.world.clock.now_ns()
-        if now_ns < self._readout_end_ns:
-            return "it is still being taken: allow more than exposure and readout"
-        return "no trigger is under way"
+    def _why_no_frame(self) -> tuple[str, str]:
+        """Return the cause in words that repeat, and what to add for this one frame."""
+        if self._refused is not None:
+            sequence, busy = self._refused
+            advice = "wait for the frame before triggering again"
+            return f"trigger ignored during {busy}", f" (trigger {sequence}): {advice}"
+        if self._wiring.world.clock.now_ns() < self._readout_end_ns:
+            return "exposure not over", ": allow more time than exposure and readout take"
+        return "no trigger under way", ": trigger the primary camera first"
 
     def _check_open(self) -> None:
         if not self._open:
