@@ -18,9 +18,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rig.core.errors import UsageError
+from rig.models.dataset import FRAMES
 
-FRAMES = 3
-SIZE_PX = 224
 CHANNELS_PER_FRAME = 5
 IMAGE_CHANNELS = tuple(5 * frame + colour for frame in range(FRAMES) for colour in range(3))
 SETTING_CHANNELS = tuple(5 * frame + 3 + which for frame in range(FRAMES) for which in range(2))
@@ -54,8 +53,13 @@ NETWORKS: Mapping[str, Architecture] = MappingProxyType(
             parameters=1_546_498,
         ),
         "dual-large": Architecture(
-            stages=(Stage(30, 5, 3), Stage(60, 3, 2), Stage(120, 3, 2), Stage(240, 3, 2))
-            + (Stage(480, 7),),
+            stages=(
+                Stage(30, 5, 3),
+                Stage(60, 3, 2),
+                Stage(120, 3, 2),
+                Stage(240, 3, 2),
+                Stage(480, 7),
+            ),
             hidden=(240, 128, 32),
             parameters=6_150_322,
         ),

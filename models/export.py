@@ -1,0 +1,222 @@
+"""From a trained network to the ONNX file that drives a camera, proven equal before it is kept.
+
+The file takes `images` float32 N x 9 x 224 x 224 in 0..1 and `settings` float32 N x 6, and gives
+`next_settings` float32 N x 2, all as in `rig.models.networks`; its metadata says what the 0..1 of
+the settings mean.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from rig.core.errors import ModelError
+from rig.core.types import THESIS_LIMITS, Limits
+from rig.models.dataset import FRAMES, Batch
+from rig.models.networks import ExposureNetwork
+
+SCHEMA = "rig.network/1"
+INPUT = "RGB 224x224 in 0..1, newest frame first; settings (exposure, gain) scaled to the limits"
+LICENCE = "Apache-2.0"
+PARITY = 1e-5
+HALF_PARITY = 2e-3
+SMALLEST_SPREAD = 0.01
+HALF_FROM_VALUES = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Parity:
+    """How far the file's answers lie from the network's, over some samples, in 0..1 of the limits.
+
+    `difference` compares the float32 file with torch, `half_difference` the file with weights
+    stored in half precision with the float32 one (0 when they are not). `spread` is the larger
+    range of the two outputs: equal answers prove nothing when every answer is the same.
+    """
+
+    difference: float
+    half_difference: float
+    spread: float
+
+
+def export_network(
+    network: ExposureNetwork,
+    out: Path,
+    samples: Batch,
+    *,
+    net: str,
+    training_sha256: str,
+    seed: int,
+    limits: Limits = THESIS_LIMITS,
+    half: bool = True,
+) -> Parity:
+    """Write `out`, after proving on `samples` that it answers as the network does.
+
+    `half` stores the large weights in half precision, to be widened when the file is loaded: half
+    the size, the arithmetic stays float32. Raises ModelError when the answers differ by more
+    than 1e-5 (2e-3 for half-precision weights) or vary by less than 0.01 over the samples.
+    """
+    images, settings = samples.images.astype(np.float32) / np.float32(255), samples.settings
+    expected = _answers_of_torch(network, images, settings)
+    model = _to_onnx(network)
+    answers = _answers_of_onnx(model, images, settings)
+    parity = Parity(float(np.abs(answers - expected).max()), 0.0, float(np.ptp(answers, 0).max()))
+    if half:
+        model = _with_half_weights(model)
+        rounded = _answers_of_onnx(model, images, settings)
+        parity = Parity(parity.difference, float(np.abs(rounded - answers).max()), parity.spread)
+    _require_proof(parity, out)
+    onnx.helper.set_model_props(
+        model,
+        {
+            "schema": SCHEMA,
+            "net": net,
+            "exposure_us_lo": str(limits.exposure_us[0]),
+            "exposure_us_hi": str(limits.exposure_us[1]),
+            "gain_db_lo": str(limits.gain_db[0]),
+            "gain_db_hi": str(limits.gain_db[1]),
+            "frames": str(FRAMES),
+            "training_sha256": training_sha256,
+            "seed": str(seed),
+            "licence": LICENCE,
+            "input": INPUT,
+        },
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = out.with_name(out.name + ".part")
+    unfinished.write_bytes(model.SerializeToString(deterministic=True))
+    unfinished.replace(out)
+    return parity
+
+
+class _DrivingNetwork(nn.Module):
+    """The same function with the folded first layer's weights worked out once."""
+
+    image_weight: Tensor
+    settings_weight: Tensor
+    bias: Tensor
+
+    def __init__(self, network: ExposureNetwork) -> None:
+        super().__init__()
+        first = network.first
+        self.register_buffer("image_weight", first.image_weight().detach().contiguous())
+        self.register_buffer("settings_weight", first.settings_weight().detach().contiguous())
+        self.register_buffer("bias", first.bias.detach())
+        self.pool = first.pool
+        self.stages, self.head = network.stages, network.head
+
+    def forward(self, images: Tensor, settings: Tensor) -> Tensor:
+        colour = nn.functional.conv2d(images, self.image_weight, self.bias)
+        offset = nn.functional.linear(settings, self.settings_weight)
+        pooled = nn.functional.max_pool2d(colour, self.pool) + offset[:, :, None, None]
+        next_settings: Tensor = self.head(torch.flatten(self.stages(pooled), 1))
+        return next_settings
+
+
+def _to_onnx(network: ExposureNetwork) -> onnx.ModelProto:
+    example = (torch.zeros(2, 3 * FRAMES, 224, 224), torch.zeros(2, 2 * FRAMES))
+    batch = torch.export.Dim("batch")
+    with _quiet_exporter():
+        program = torch.onnx.export(
+            _DrivingNetwork(network).cpu().eval(),
+            example,
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+            input_names=["images", "settings"],
+            output_names=["next_settings"],
+            dynamic_shapes={"images": {0: batch}, "settings": {0: batch}},
+        )
+    assert program is not None
+    model: onnx.ModelProto = program.model_proto
+    for described in (*model.graph.node, *model.graph.value_info, model.graph):
+        described.ClearField("metadata_props")
+    return model
+
+
+@contextmanager
+def _quiet_exporter() -> Iterator[None]:
+    """Keep the exporter's notices about its own insides from the person who trains."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)
+
+
+def _with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
+    """Return the model with every large float32 weight as float16 and a cast behind it."""
+    halved = onnx.ModelProto()
+    halved.CopyFrom(model)
+    graph = halved.graph
+    casts = []
+    for index, weight in enumerate(graph.initializer):
+        values = onnx.numpy_helper.to_array(weight)
+        if weight.data_type != onnx.TensorProto.FLOAT or values.size < HALF_FROM_VALUES:
+            continue
+        stored = weight.name + ".half"
+        casts.append(
+            onnx.helper.make_node("Cast", [stored], [weight.name], to=onnx.TensorProto.FLOAT)
+        )
+        graph.initializer[index].CopyFrom(
+            onnx.numpy_helper.from_array(values.astype(np.float16), stored)
+        )
+    nodes = [*casts, *graph.node]
+    del graph.node[:]
+    graph.node.extend(nodes)
+    onnx.checker.check_model(halved)
+    return halved
+
+
+def _answers_of_torch(
+    network: ExposureNetwork, images: NDArray[np.float32], settings: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    network.eval()
+    device = next(network.parameters()).device
+    with torch.inference_mode():
+        answers = network(
+            torch.from_numpy(images).to(device), torch.from_numpy(settings).to(device)
+        )
+    return np.asarray(answers.cpu().numpy(), np.float32)
+
+
+def _answers_of_onnx(
+    model: onnx.ModelProto, images: NDArray[np.float32], settings: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    session = onnxruntime.InferenceSession(
+        model.SerializeToString(), providers=["CPUExecutionProvider"]
+    )
+    answers = session.run(["next_settings"], {"images": images, "settings": settings})
+    return np.asarray(answers[0], np.float32)
+
+
+def _require_proof(parity: Parity, out: Path) -> None:
+    if not parity.difference <= PARITY:
+        raise ModelError(
+            f"{out}: the exported network answers differently by {parity.difference:.2g} "
+            f"(allowed {PARITY:g}); it was not written"
+        )
+    if not parity.half_difference <= HALF_PARITY:
+        raise ModelError(
+            f"{out}: half-precision weights change answers by {parity.half_difference:.2g} "
+            f"(allowed {HALF_PARITY:g}); store them in full"
+        )
+    if not parity.spread >= SMALLEST_SPREAD:
+        raise ModelError(
+            f"{out}: the network answers nearly the same to every picture (range "
+            f"{parity.spread:.2g} of the limits); train it longer or on more varied recordings"
+        )

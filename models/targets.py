@@ -1,0 +1,246 @@
+"""Targets of recordings, and the file that keeps them beside the pictures they belong to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.errors import RecordingError, UsageError
+from rig.core.types import PairRecord
+from rig.models.measuring import Stretch, stretches
+from rig.models.metrics import TargetMetric, Window, find_metric
+from rig.record.reader import open_recording
+
+SCHEMA = "rig.targets/1"
+_ZIP_NAME_LENGTH_AT = 26
+_ZIP_HEADER_BYTES = 30
+
+Progress = Callable[[str, int, int], None]
+"""Told the recording's name, the triggers done and the triggers in all."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSource:
+    """Which recording poses came from: enough to know it again and to make it again."""
+
+    name: str
+    sha256: str
+    triggers: int
+    command: str
+    cameras: str
+    seed: int
+    leader: str
+    options: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """P poses: the pictures of both cameras, their settings, and the settings to aim for.
+
+    `images` is uint8 P x 2 x 3 x 224 x 224 (primary then secondary; red, green, blue), the used
+    settings are P x 2, everything else is P long. `recording` counts the file's recordings;
+    poses of equal `drive` follow each other without a loss.
+    """
+
+    images: NDArray[np.uint8]
+    used_exposure_us: NDArray[np.float64]
+    used_gain_db: NDArray[np.float64]
+    target_exposure_us: NDArray[np.float64]
+    target_gain_db: NDArray[np.float64]
+    trigger: NDArray[np.int64]
+    pose_index: NDArray[np.int64]
+    recording: NDArray[np.int64]
+    drive: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.trigger)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Targets:
+    """The poses of some recordings with targets, and how the targets were chosen."""
+
+    metric: str
+    window: int
+    alpha: float
+    recordings: tuple[RecordingSource, ...]
+    poses: Poses
+
+    def save(self, path: Path) -> None:
+        """Write an uncompressed npz without pickles; equal targets give equal bytes.
+
+        Raises UsageError when the file exists.
+        """
+        if path.exists():
+            raise UsageError(f"{path} exists: choose another --out or delete it")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        arrays = {field.name: getattr(self.poses, field.name) for field in fields(Poses)}
+        unfinished = path.with_name(path.name + ".part")
+        with unfinished.open("wb") as file:
+            np.savez(file, header=np.array(self._header()), **arrays)
+        unfinished.replace(path)
+
+    @staticmethod
+    def load(path: Path) -> Targets:
+        """Read a file that `save` wrote; the pictures stay on disk until they are used.
+
+        Raises RecordingError when it is no target file.
+        """
+        if not path.exists():
+            raise RecordingError(f"{path}: no such target file; make one with `rig targets`")
+        try:
+            return _load(path)
+        except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile) as error:
+            raise RecordingError(
+                f"{path}: not a target file ({error}); make one with `rig targets`"
+            ) from error
+
+    def _header(self) -> str:
+        return json.dumps(
+            {
+                "schema": SCHEMA,
+                "metric": self.metric,
+                "window": self.window,
+                "alpha": self.alpha,
+                "recordings": [asdict(source) for source in self.recordings],
+            }
+        )
+
+
+def make_targets(
+    recordings: Sequence[Path],
+    metric: str = "hybrid",
+    window: int = 4,
+    alpha: float = 0.5,
+    progress: Progress | None = None,
+) -> Targets:
+    """Find the targets of every pose of the recordings that has a pose after it.
+
+    A lost frame ends a drive and the next complete pair begins another: no window and no input
+    reaches across. Raises UsageError for an unknown metric or a bad window, RecordingError for a
+    recording with nothing to learn from.
+    """
+    chosen, reach = find_metric(metric), Window(window, alpha)
+    if not recordings:
+        raise UsageError("no recordings given: name at least one to make targets from")
+    sources: list[RecordingSource] = []
+    drives: list[Poses] = []
+    for index, path in enumerate(recordings):
+        source, records = _open(path, progress)
+        before = len(drives)
+        for stretch in stretches(records, chosen):
+            drives.append(_with_targets(stretch, chosen, reach, index, len(drives)))
+        if len(drives) == before:
+            raise RecordingError(
+                f"{path}: no two complete pairs follow each other, so no pose has a target; "
+                "`rig verify` tells what was lost"
+            )
+        sources.append(source)
+    joined = {
+        field.name: np.concatenate([getattr(drive, field.name) for drive in drives])
+        for field in fields(Poses)
+    }
+    return Targets(metric, window, alpha, tuple(sources), Poses(**joined))
+
+
+def _open(path: Path, progress: Progress | None) -> tuple[RecordingSource, Iterator[PairRecord]]:
+    recording = open_recording(path)
+    header = recording.header
+    folder = path if path.is_dir() else path.parent
+    source = RecordingSource(
+        name=folder.resolve().name,
+        sha256=_sha256(folder),
+        triggers=len(recording),
+        command=header.command,
+        cameras=header.cameras,
+        seed=header.seed,
+        leader=header.controllers.primary,
+        options=dict(header.options),
+    )
+    records = _one_pair_a_pose(recording.records(), path)
+    return source, _watched(records, source.name, len(recording), progress)
+
+
+def _one_pair_a_pose(records: Iterable[PairRecord], path: Path) -> Iterator[PairRecord]:
+    """Pass records on; a sweep has other samples of a pose than its neighbours in time."""
+    last_pose: int | None = None
+    for record in records:
+        if record.pose_index == last_pose:
+            raise RecordingError(
+                f"{path}: pose {last_pose} was taken more than once, as in a sweep; windowed "
+                "targets need one pair a pose: record with `rig collect --perturb cycle`"
+            )
+        last_pose = record.pose_index
+        yield record
+
+
+def _watched(
+    records: Iterable[PairRecord], name: str, count: int, progress: Progress | None
+) -> Iterator[PairRecord]:
+    for done, record in enumerate(records, start=1):
+        yield record
+        if progress is not None:
+            progress(name, done, count)
+
+
+def _with_targets(
+    stretch: Stretch, metric: TargetMetric, window: Window, recording: int, drive: int
+) -> Poses:
+    """Return all poses of a stretch but the last, which has nothing after it to aim for."""
+    best = metric.choose(stretch.drive, window)
+    n = len(best)
+    return Poses(
+        images=stretch.images[:n],
+        used_exposure_us=stretch.drive.used[:n, :, 0],
+        used_gain_db=stretch.drive.used[:n, :, 1],
+        target_exposure_us=best[:, 0],
+        target_gain_db=best[:, 1],
+        trigger=stretch.trigger[:n],
+        pose_index=stretch.pose_index[:n],
+        recording=np.full(n, recording, np.int64),
+        drive=np.full(n, drive, np.int64),
+    )
+
+
+def _sha256(folder: Path) -> str:
+    """Return the digest of a recording's MCAP files, in the order of their names."""
+    digest = hashlib.sha256()
+    for part in sorted(folder.glob("*.mcap")):
+        with part.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _load(path: Path) -> Targets:
+    with np.load(path, allow_pickle=False) as file:
+        header = json.loads(str(file["header"]))
+        small = {field.name: file[field.name] for field in fields(Poses) if field.name != "images"}
+    if header.pop("schema", None) != SCHEMA:
+        raise ValueError(f"its schema is not {SCHEMA}")
+    sources = tuple(RecordingSource(**source) for source in header.pop("recordings"))
+    poses = Poses(images=_mapped(path, "images.npy"), **small)
+    return Targets(recordings=sources, poses=poses, **header)
+
+
+def _mapped(path: Path, member: str) -> NDArray[np.uint8]:
+    """Map an array that lies uncompressed inside an npz into memory, read-only."""
+    with zipfile.ZipFile(path) as archive, archive.open(member) as file:
+        np.lib.format.read_magic(file)
+        shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
+        array_header_bytes = file.tell()
+        info = archive.getinfo(member)
+    if info.compress_type != zipfile.ZIP_STORED or fortran_order or dtype != np.uint8:
+        raise ValueError(f"{member} is not stored as plain uint8")
+    with path.open("rb") as raw:
+        raw.seek(info.header_offset + _ZIP_NAME_LENGTH_AT)
+        name_bytes, extra_bytes = np.frombuffer(raw.read(4), "<u2")
+    offset = info.header_offset + _ZIP_HEADER_BYTES + int(name_bytes) + int(extra_bytes)
+    return np.memmap(path, np.uint8, "r", offset + array_header_bytes, shape)

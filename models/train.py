@@ -1,0 +1,124 @@
+"""From target files to a shipped network: L1 loss, Adam, flips, early stopping, proof, card."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from rig.core.errors import ModelError, UsageError
+from rig.models.card import TrainingResult, write_card
+from rig.models.dataset import Batch, Samples
+from rig.models.export import export_network
+from rig.models.fit import Checkpoint, Fit, Progress, Recipe, identity
+from rig.models.split import hold_back
+from rig.models.targets import Targets
+
+PROOF_SAMPLES = 64
+
+
+def train(
+    targets: Sequence[Path],
+    net: str,
+    out: Path,
+    *,
+    seed: int = 0,
+    epochs: int = 20,
+    batch_size: int = 64,
+    learning_rate: float = 1e-4,
+    patience: int = 5,
+    held_back: Sequence[str] = (),
+    half: bool = True,
+    progress: Progress | None = None,
+) -> TrainingResult:
+    """Train `net` on target files and write `out` (ONNX) with its model card beside it.
+
+    `held_back` names recordings to validate on; without it one world in five is held back, and
+    of a single world none. `half` stores the weights in half precision. An interrupted training
+    leaves a checkpoint beside `out`; the same call goes on from the last whole epoch and ends in
+    the same weights. Raises UsageError for a bad option, RecordingError for a bad target file,
+    ModelError when training cannot work, diverges, or leaves a network that answers all alike.
+    """
+    recipe = Recipe(net, seed, epochs, batch_size, learning_rate, patience)
+    _require_new(out)
+    if not targets:
+        raise UsageError("no target files given: make one with `rig targets`")
+    files = [Targets.load(path) for path in targets]
+    split = hold_back([source for file in files for source in file.recordings], held_back, seed)
+    training = Samples(files, frozenset(source.sha256 for source in split.training))
+    validation = Samples(files, frozenset(source.sha256 for source in split.held_back))
+    if len(training) < 2:
+        raise ModelError(f"{len(training)} training samples are too few: record more")
+    digest = _sha256(targets)
+    checkpoint = Checkpoint(
+        out.with_suffix(".checkpoint"),
+        identity(recipe, digest, [source.sha256 for source in split.held_back]),
+    )
+    fit = _fit(recipe, checkpoint, training, validation, progress or (lambda _: None))
+    parity = export_network(
+        fit.best_network(),
+        out,
+        _proof_samples(validation if len(validation) else training),
+        net=net,
+        training_sha256=digest,
+        seed=seed,
+        half=half,
+    )
+    result = TrainingResult(
+        model=out,
+        card=out.with_suffix(".md"),
+        recipe=recipe,
+        files=tuple(zip(targets, files, strict=True)),
+        split=split,
+        training_samples=len(training),
+        validation_samples=len(validation),
+        history=tuple(fit.history),
+        best_epoch=fit.best_epoch,
+        training_sha256=digest,
+        parity=parity,
+    )
+    write_card(result)
+    checkpoint.remove()
+    return result
+
+
+def _fit(
+    recipe: Recipe,
+    checkpoint: Checkpoint,
+    training: Samples,
+    validation: Samples,
+    progress: Progress,
+) -> Fit:
+    with torch.random.fork_rng():
+        fit = Fit(recipe)
+        checkpoint.resume(fit)
+        while not fit.finished:
+            fit.epoch(training, validation, progress)
+            checkpoint.save(fit)
+    return fit
+
+
+def _require_new(out: Path) -> None:
+    if out.suffix != ".onnx":
+        raise UsageError(f"--out must end in .onnx, got {out}")
+    if out.exists():
+        raise UsageError(f"{out} exists: choose another --out or delete it")
+    out.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _proof_samples(samples: Samples) -> Batch:
+    """Return samples from all over the drives, to prove the exported file on."""
+    count = min(PROOF_SAMPLES, len(samples))
+    return samples.batch(np.linspace(0, len(samples) - 1, count).astype(np.intp))
+
+
+def _sha256(targets: Sequence[Path]) -> str:
+    """Return the digest of the target files' digests, in the order given."""
+    combined = hashlib.sha256()
+    for path in targets:
+        with path.open("rb") as file:
+            combined.update(hashlib.file_digest(file, "sha256").digest())
+    return combined.hexdigest()
