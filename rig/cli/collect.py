@@ -25,8 +25,6 @@ def collect(
 ) -> int:
     """Record a training drive: a leader on the primary, perturbed settings on the secondary.
 
-    Example: rig collect --perturb cycle --cameras sim:tunnel?seed=7 --out data/tunnel-7
-
     Parameters
     ----------
     perturb:

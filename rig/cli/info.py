@@ -11,8 +11,6 @@ from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 def info(recording: Path, /, *, terminal: Terminal = DEFAULT_TERMINAL) -> int:
     """Show how long a recording is, what it lost, and which settings it used.
 
-    Example: rig info runs/20260714-101500-race
-
     Parameters
     ----------
     recording:
@@ -22,7 +20,9 @@ def info(recording: Path, /, *, terminal: Terminal = DEFAULT_TERMINAL) -> int:
 
     values = look_at(recording).as_dict()
     width = max(map(len, values))
-    lines = [f"{name.replace('_', ' '):<{width}}  {_words(value)}" for name, value in values.items()]
+    lines = [
+        f"{name.replace('_', ' '):<{width}}  {_words(value)}" for name, value in values.items()
+    ]
     terminal.result("\n".join(lines), values)
     return OK
 

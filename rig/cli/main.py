@@ -4,22 +4,58 @@ from __future__ import annotations
 
 import sys
 from importlib.metadata import version
+from typing import NamedTuple
 
 from cyclopts import App, CycloptsError
 
 from rig.cli.exits import FAILED, INTERRUPTED, OK, USAGE
 from rig.core.errors import RigError, UsageError
 
+
+class Told(NamedTuple):
+    """What the help says of a command."""
+
+    help: str
+    example: str
+
+
 COMMANDS = {
-    "race": "Drive each camera by its own controller, record, judge, and report.",
-    "collect": "Record training drives: a leader on one camera, perturbed settings on the other.",
-    "targets": "Turn recordings into training targets.",
-    "train": "Train a network on targets and export it to ONNX.",
-    "evaluate": "Judge recordings, a video, or a folder of pictures.",
-    "report": "Write summary.json and report.html of a recording anew.",
-    "verify": "Recompute every claim that a recording makes.",
-    "info": "Show what a recording holds.",
-    "recover": "Repair a recording that was cut short.",
+    "race": Told(
+        "Drive each camera by its own controller, record, judge, and report.",
+        "rig race ours shin:tolerance=mid --cameras 'sim:tunnel?seed=3' --frames 120",
+    ),
+    "collect": Told(
+        "Record a training drive: a leader on the primary, perturbed settings on the secondary.",
+        "rig collect --perturb cycle --cameras 'sim:tunnel?seed=7' --out data/tunnel-7",
+    ),
+    "targets": Told(
+        "Find the settings to aim for at every pose of recordings (thesis eq. 4.11 to 4.13).",
+        "rig targets data/tunnel-* --metric hybrid --out data/hybrid.npz",
+    ),
+    "train": Told(
+        "Train a network on target files and export it to ONNX with a model card.",
+        "rig train --net dual-small data/hybrid.npz --out mine.onnx",
+    ),
+    "evaluate": Told(
+        "Judge recordings, videos, or folders of pictures, and rank the controllers.",
+        "rig evaluate runs/*-race --json",
+    ),
+    "report": Told(
+        "Write summary.json and report.html of recordings anew.",
+        "rig report runs/20260714-101500-race",
+    ),
+    "verify": Told(
+        "Recompute every claim that a recording makes: pixels, pairing, order, accounting.",
+        "rig verify runs/20260714-101500-race",
+    ),
+    "info": Told(
+        "Show how long a recording is, what it lost, and which settings it used.",
+        "rig info runs/20260714-101500-race",
+    ),
+    "recover": Told(
+        "Repair a recording in place that was cut short.",
+        "rig recover runs/20260714-101500-race",
+    ),
 }
 
 
@@ -28,13 +64,18 @@ def build_app() -> App:
     app = App(
         name="rig",
         help="Find out which exposure and gain control gives a robot the best eyes.",
-        help_epilogue="Example: rig race ours shin --cameras sim:tunnel --frames 120",
+        help_epilogue="Example: rig race ours shin",
         help_format="plaintext",
         version=lambda: version("exposure-rig"),
         result_action="return_value",
     )
-    for name, text in COMMANDS.items():
-        app.command(f"rig.cli.{name}:{name}", name=name, help=text)
+    for name, told in COMMANDS.items():
+        app.command(
+            f"rig.cli.{name}:{name}",
+            name=name,
+            help=told.help,
+            help_epilogue=f"Example: {told.example}",
+        )
     return app
 
 

@@ -31,8 +31,6 @@ def race(
 ) -> int:
     """Drive each camera by its own controller, record, judge, and report.
 
-    Example: rig race ours shin:tolerance=mid --cameras sim:tunnel?seed=3 --frames 120
-
     Parameters
     ----------
     left:

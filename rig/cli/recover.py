@@ -11,8 +11,6 @@ from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 def recover(recording: Path, /, *, terminal: Terminal = DEFAULT_TERMINAL) -> int:
     """Repair a recording in place: every chunk that is whole is kept, the torn tail is dropped.
 
-    Example: rig recover runs/20260714-101500-race
-
     Parameters
     ----------
     recording:

@@ -18,8 +18,6 @@ def targets(
 ) -> int:
     """Find the settings to aim for at every pose of recordings (thesis eq. 4.11 to 4.13).
 
-    Example: rig targets data/tunnel-* --metric hybrid --out data/hybrid.npz
-
     Parameters
     ----------
     recordings:

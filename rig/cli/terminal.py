@@ -25,11 +25,11 @@ class Advance(Protocol):
 class Terminal:
     """How much to print, and in which form."""
 
-    json: bool = False
+    json: Annotated[bool, Parameter(negative="")] = False
     """Print the result as JSON on stdout; logs stay on stderr."""
-    verbose: Annotated[bool, Parameter(alias="-v")] = False
+    verbose: Annotated[bool, Parameter(alias="-v", negative="")] = False
     """Say more about what is being done."""
-    quiet: Annotated[bool, Parameter(alias="-q")] = False
+    quiet: Annotated[bool, Parameter(alias="-q", negative="")] = False
     """Say nothing but the result and problems."""
 
     def say(self, text: str) -> None:

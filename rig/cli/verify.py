@@ -13,8 +13,6 @@ def verify(recording: Path, /, *, terminal: Terminal = DEFAULT_TERMINAL) -> int:
 
     Exit code 0 is sound, 3 sound with recorded losses, 1 a false claim.
 
-    Example: rig verify runs/20260714-101500-race
-
     Parameters
     ----------
     recording:

@@ -1,0 +1,80 @@
+"""From a recording to summary.json, report.html and the lines that a person reads."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.cli.terminal import Advance, Terminal
+from rig.core.types import PairRecord
+from rig.evaluation.report.page import write_report
+from rig.evaluation.report.verdict import verdict
+from rig.evaluation.series import FRONT_ENDS, FrontEnds
+from rig.evaluation.summary import Summary, summarise
+from rig.record.header import RunHeader
+from rig.record.reader import Recording, open_recording
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """A recording that tells a progress bar how much of it was read."""
+
+    recording: Recording
+    advance: Advance
+
+    @property
+    def header(self) -> RunHeader:
+        """Return what the run was."""
+        return self.recording.header
+
+    def records(self) -> Iterator[PairRecord]:
+        """Return the records in order."""
+        for done, record in enumerate(self.recording.records(), start=1):
+            self.advance(done)
+            yield record
+
+
+def judge(recording: Recording, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
+    """Return what a recording came to, showing progress over its triggers."""
+    with terminal.progress("judging", len(recording)) as advance:
+        return summarise(Watched(recording, advance), front_ends)
+
+
+def publish(folder: Path, terminal: Terminal) -> Summary:
+    """Write summary.json and report.html of the recording in `folder`, and print the verdict."""
+    recording = open_recording(folder)
+    summary = judge(recording, terminal)
+    values = summary.as_json()
+    (folder / "summary.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+    report = folder / "report.html"
+    write_report(report, recording, summary)
+    terminal.result(f"{verdict(summary)}\n{table([values])}\nreport: {report}", values)
+    return summary
+
+
+def table(runs: list[dict[str, Any]]) -> str:
+    """Return one line a controller: ORB inliers, settings, decision time."""
+    titles = f"{'median':>8}{'min':>6}{'blind':>7}{'exposure us':>14}{'gain dB':>9}"
+    lines = [f"{'controller':<28}{titles}"]
+    for run in runs:
+        lines += [_row(run[side]) for side in ("left", "right")]
+    return "\n".join(lines)
+
+
+def _row(side: dict[str, Any]) -> str:
+    orb = side["orb"]
+    cells = [
+        _number(orb["median"], 8),
+        _number(orb["min"], 6),
+        _number(orb["blind_frames"], 7),
+        _number(side["exposure_us"][1], 14),
+        _number(side["gain_db"][1], 9, places=1),
+    ]
+    return f"{side['controller']:<28.28}{''.join(cells)}"
+
+
+def _number(value: float | None, width: int, places: int = 0) -> str:
+    return f"{'-':>{width}}" if value is None else f"{value:>{width}.{places}f}"
