@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from rig.core.errors import GrabTimeout
 from rig.core.protocols import Camera, Source
-from rig.core.types import Command, Frame, Limits, Lost, Pair, Side
+from rig.core.types import THESIS_LIMITS, Command, Frame, Limits, Lost, Pair, Side
 from rig.core.units import NS_PER_S
 
 MAX_OFFSET_NS = 500_000
@@ -35,13 +35,14 @@ class CameraPair:
     """The cameras of a source, fired together and checked against each other."""
 
     source: Source
+    allowed: Limits = THESIS_LIMITS
     triggers: int = 0
     first_trigger_ns: int | None = field(default=None)
 
     @property
     def limits(self) -> Pair[Limits]:
-        """Return the limits of both cameras."""
-        return Pair(*(camera.limits for camera in self.source.cameras))
+        """Return what both cameras can take, inside what the rig allows."""
+        return Pair(*(camera.limits.within(self.allowed) for camera in self.source.cameras))
 
     def apply(self, commands: Pair[Command]) -> Pair[Command]:
         """Set what the next exposures use; return the commands as the cameras rounded them."""
@@ -59,7 +60,7 @@ class CameraPair:
         trigger = self.triggers
         self.triggers += 1
         self.source.cameras.primary.trigger()
-        timeout_s = GRAB_MARGIN_S + max(map(_longest_exposure_s, self.source.cameras))
+        timeout_s = GRAB_MARGIN_S + self.allowed.exposure_us[1] * 1e-6
         primary, secondary = self.source.cameras
         return _paired(
             Pair(
@@ -76,10 +77,6 @@ class CameraPair:
         if self.source.rate_hz is not None:
             due_ns = self.first_trigger_ns + round(self.triggers / self.source.rate_hz * NS_PER_S)
             self.source.clock.sleep_s((due_ns - now_ns) / NS_PER_S)
-
-
-def _longest_exposure_s(camera: Camera) -> float:
-    return camera.limits.exposure_us[1] * 1e-6
 
 
 def _grab(side: Side, camera: Camera, trigger: int, timeout_s: float) -> Frame | Lost:

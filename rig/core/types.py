@@ -40,6 +40,16 @@ class Limits:
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise ValueError(f"{name} limits must be finite and ordered, got {low!r}..{high!r}")
 
+    def within(self, outer: Limits) -> Limits:
+        """Return the part of these limits that `outer` allows too; ValueError when there is none."""
+        return Limits(
+            _overlap(self.exposure_us, outer.exposure_us), _overlap(self.gain_db, outer.gain_db)
+        )
+
+
+def _overlap(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    return max(a[0], b[0]), min(a[1], b[1])
+
 
 THESIS_LIMITS = Limits()
 """75 us to 30 ms and 0 to 30 dB (thesis 4.2.5)."""

@@ -41,6 +41,13 @@ def test_clamping_lands_inside_and_is_idempotent(exposure_us: float, db: float) 
     assert once.clamp(THESIS_LIMITS) == once
 
 
+def test_limits_overlap_or_say_that_they_do_not() -> None:
+    camera = Limits((11.0, 30_000_000.0), (0.0, 24.0))
+    assert camera.within(THESIS_LIMITS) == Limits((75.0, 30_000.0), (0.0, 24.0))
+    with pytest.raises(ValueError, match="exposure_us"):
+        Limits((1.0, 2.0), (0.0, 1.0)).within(THESIS_LIMITS)
+
+
 def test_twenty_db_is_tenfold() -> None:
     assert gain_factor(20.0) == pytest.approx(10.0)
     assert gain_db(10.0) == pytest.approx(20.0)
