@@ -30,6 +30,7 @@ class TrainingResult:
     history: tuple[EpochLoss, ...]
     best_epoch: int
     training_sha256: str
+    half: bool
     parity: Parity
 
 
@@ -101,17 +102,16 @@ def _remake(result: TrainingResult) -> str:
             f"--alpha {targets.alpha:g} --out {shlex.quote(path.name)}"
         )
     recipe = result.recipe
-    held_back = "".join(f"--held-back {shlex.quote(s.name)} " for s in result.split.held_back)
+    half = "--half " if result.half else ""
+    held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     files = " ".join(shlex.quote(path.name) for path, _ in result.files)
     lines.append(
         f"rig train --net {recipe.net} {files} --seed {recipe.seed} --epochs {recipe.epochs} "
-        f"{held_back}--out {shlex.quote(result.model.name)}"
+        f"--batch-size {recipe.batch_size} --learning-rate {recipe.learning_rate:g} "
+        f"--patience {recipe.patience} {half}{held_back}--out {shlex.quote(result.model.name)}"
     )
     commands = "\n".join(lines)
     return f"""## Made with
-
-Batches of {recipe.batch_size}, Adam with a learning rate of {recipe.learning_rate:g}, patience \
-{recipe.patience} epochs.
 
 ```sh
 {commands}
@@ -147,7 +147,7 @@ def _proof(result: TrainingResult) -> str:
     half = (
         f" Storing the weights in half precision moved answers by at most "
         f"{parity.half_difference:.1e}."
-        if parity.half_difference
+        if result.half
         else ""
     )
     return f"""## Proof of export

@@ -58,7 +58,7 @@ def export_network(
     training_sha256: str,
     seed: int,
     limits: Limits = THESIS_LIMITS,
-    half: bool = True,
+    half: bool = False,
 ) -> Parity:
     """Write `out`, after proving on `samples` that it answers as the network does.
 

@@ -78,8 +78,7 @@ class Targets:
 
         Raises UsageError when the file exists.
         """
-        if path.exists():
-            raise UsageError(f"{path} exists: choose another --out or delete it")
+        refuse_existing(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         arrays = {field.name: getattr(self.poses, field.name) for field in fields(Poses)}
         unfinished = path.with_name(path.name + ".part")
@@ -112,6 +111,12 @@ class Targets:
                 "recordings": [asdict(source) for source in self.recordings],
             }
         )
+
+
+def refuse_existing(out: Path) -> None:
+    """Raise UsageError when `out` exists: call it before the long work, nothing is overwritten."""
+    if out.exists():
+        raise UsageError(f"{out} exists: choose another --out or delete it")
 
 
 def make_targets(

@@ -15,7 +15,7 @@ from rig.models.dataset import Batch, Samples
 from rig.models.export import export_network
 from rig.models.fit import Checkpoint, Fit, Progress, Recipe, identity
 from rig.models.split import hold_back
-from rig.models.targets import Targets
+from rig.models.targets import Targets, refuse_existing
 
 PROOF_SAMPLES = 64
 
@@ -31,7 +31,7 @@ def train(
     learning_rate: float = 1e-4,
     patience: int = 5,
     held_back: Sequence[str] = (),
-    half: bool = True,
+    half: bool = False,
     progress: Progress | None = None,
 ) -> TrainingResult:
     """Train `net` on target files and write `out` (ONNX) with its model card beside it.
@@ -78,6 +78,7 @@ def train(
         history=tuple(fit.history),
         best_epoch=fit.best_epoch,
         training_sha256=digest,
+        half=half,
         parity=parity,
     )
     write_card(result)
@@ -104,8 +105,7 @@ def _fit(
 def _require_new(out: Path) -> None:
     if out.suffix != ".onnx":
         raise UsageError(f"--out must end in .onnx, got {out}")
-    if out.exists():
-        raise UsageError(f"{out} exists: choose another --out or delete it")
+    refuse_existing(out)
     out.parent.mkdir(parents=True, exist_ok=True)
 
 
