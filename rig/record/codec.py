@@ -7,7 +7,7 @@ import numbers
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
@@ -110,38 +110,35 @@ def camera_info(side: Side, intrinsics: Intrinsics, time_ns: int) -> Message:
 
 
 def _frame_messages(record: PairRecord, side: Side, moment_ns: int) -> Iterator[Message]:
-    shot = getattr(record.shot, side)
-    taken = isinstance(shot, Frame)
-    time_ns = shot.device_time_ns if taken else moment_ns
-    topic, header = topics.frame_meta(side), _header(time_ns, topics.optical_frame(side))
-    pixels = _pixels(shot) if taken else b""
+    shot: Frame | Lost = getattr(record.shot, side)
+    frame = shot if isinstance(shot, Frame) else None
+    time_ns = frame.device_time_ns if frame else moment_ns
+    header = _header(time_ns, topics.optical_frame(side))
+    picture = _image(frame, header) if frame else b""
     values = {
         "header": header,
         "trigger": record.trigger,
         "frame_id": shot.sequence,
         "pose_index": record.pose_index,
-        "status": "taken" if taken else "lost",
-        "cause": "" if taken else shot.cause,
+        "status": "taken" if frame else "lost",
+        "cause": shot.cause if isinstance(shot, Lost) else "",
         "asked": _command(getattr(record.asked, side)),
         "applied": _command(getattr(record.applied, side)),
-        "used": _settings(shot.used if taken else None),
-        "device_time_ns": shot.device_time_ns if taken else 0,
-        "host_time_ns": shot.host_time_ns if taken else 0,
+        "used": _settings(frame.used if frame else None),
+        "device_time_ns": frame.device_time_ns if frame else 0,
+        "host_time_ns": frame.host_time_ns if frame else 0,
         "pixel_hash": 0,
     }
-    data = sealed(topics.FRAME_META_TYPE.pack(values), topic.encode(), pixels)
+    topic = topics.frame_meta(side)
+    data = sealed(topics.FRAME_META_TYPE.pack(values), topic.encode(), picture)
     yield Message(topic, record.trigger, time_ns, data)
-    if taken:
-        yield Message(topics.image(side), record.trigger, time_ns, _image(shot, header, pixels))
+    if picture:
+        yield Message(topics.image(side), record.trigger, time_ns, picture)
 
 
-def _pixels(frame: Frame) -> memoryview:
+def _image(frame: Frame, header: Mapping[str, Any]) -> bytes:
     if frame.image.dtype != np.uint8 or frame.image.ndim != 2:
         raise ValueError(f"frame {frame.sequence} is not a uint8 picture of two dimensions")
-    return np.ascontiguousarray(frame.image).reshape(-1).data
-
-
-def _image(frame: Frame, header: Mapping[str, Any], pixels: Buffer) -> bytes:
     height, width = frame.image.shape
     return topics.IMAGE_TYPE.pack(
         {
@@ -151,7 +148,7 @@ def _image(frame: Frame, header: Mapping[str, Any], pixels: Buffer) -> bytes:
             "encoding": frame.pixel_format,
             "is_bigendian": 0,
             "step": width,
-            "data": pixels,
+            "data": np.ascontiguousarray(frame.image).reshape(-1).data,
         }
     )
 
@@ -264,11 +261,6 @@ def decode(messages: Mapping[str, Message]) -> PairRecord:
         cause=pair["cause"],
         truth=_to_truth(messages.get(topics.POSE), messages.get(topics.LIGHT)),
     )
-
-
-def pixels_of(image: Message) -> memoryview:
-    """Return the pixels of an image message as bytes."""
-    return cast(memoryview, topics.IMAGE_TYPE.unpack(image.data)["data"])
 
 
 def _to_shot(meta: Mapping[str, Any], messages: Mapping[str, Message], side: Side) -> Frame | Lost:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,8 +36,8 @@ class Recording:
         """
         with damage(self.path), Container(self.path) as container:
             count = 0
-            for messages in triggers(container):
-                yield codec.decode(messages)
+            for group in triggers(container.messages()):
+                yield codec.decode(group)
                 count += 1
             if count != self.triggers:
                 raise ValueError(f"{self.triggers} triggers claimed, {count} found")
@@ -60,26 +60,25 @@ def open_recording(path: Path | str) -> Recording:
         return Recording(file, header, metadata, summary.messages(topics.PAIR))
 
 
-def triggers(container: Container) -> Iterator[dict[str, Message]]:
+def triggers(messages: Iterable[Message]) -> Iterator[dict[str, Message]]:
     """Yield the messages of each trigger by topic; `/pair` closes a trigger.
 
-    Raises ValueError when triggers are interleaved, repeated within or cut.
+    Raises ValueError when triggers are mixed or not closed, or a topic is there twice.
     """
-    infos = {topics.camera_info("primary"), topics.camera_info("secondary")}
-    messages: dict[str, Message] = {}
-    for message in container.messages():
-        if message.topic in infos:
+    group: dict[str, Message] = {}
+    for message in messages:
+        if message.topic in topics.PER_RUN:
             continue
-        if message.topic in messages:
+        if message.topic in group:
             raise ValueError(f"trigger {message.sequence} has {message.topic} twice")
-        messages[message.topic] = message
+        group[message.topic] = message
         if message.topic == topics.PAIR:
-            if any(each.sequence != message.sequence for each in messages.values()):
+            if any(each.sequence != message.sequence for each in group.values()):
                 raise ValueError(f"trigger {message.sequence} is mixed with another one")
-            yield messages
-            messages = {}
-    if messages:
-        raise ValueError(f"trigger {next(iter(messages.values())).sequence} is not closed by /pair")
+            yield group
+            group = {}
+    if group:
+        raise ValueError(f"trigger {next(iter(group.values())).sequence} is not closed by /pair")
 
 
 def _attachments(container: Container, summary: Summary) -> dict[str, bytes]:

@@ -40,7 +40,6 @@ _MARGIN_BYTES = 16 << 20
 class Recovery:
     """What `recover` found: nothing was changed unless `repaired`."""
 
-    path: Path
     repaired: bool
     triggers: int
     chunks: int
@@ -67,7 +66,7 @@ def recover(path: Path | str) -> Recovery:
     reserve_path(file).unlink(missing_ok=True)
     bag.describe(file)
     return Recovery(
-        file, not intact, scan.triggers, len(scan.chunk_indexes), scan.skipped_chunks, dropped
+        not intact, scan.triggers, len(scan.chunk_indexes), scan.skipped_chunks, dropped
     )
 
 

@@ -57,3 +57,6 @@ TOPICS: Mapping[str, MessageType] = {
     PAIR: PAIR_TYPE,
 }
 """Every topic of a recording, in the order in which the channels are numbered."""
+
+PER_RUN = frozenset(camera_info(side) for side in SIDES)
+"""Topics with one message a run, outside of any trigger."""

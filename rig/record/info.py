@@ -1,0 +1,139 @@
+"""What a person asks of a recording first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from rig.core.types import SIDES, Command, Frame, Intrinsics, Lost, Settings, Side
+from rig.core.units import NS_PER_S
+from rig.record import recover
+from rig.record.reader import Recording, open_recording
+from rig.record.totals import Totals
+
+Range = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfo:
+    """One camera's part in a run; ranges are (lowest, median, highest) used, None without frames.
+
+    `settings_not_taken` counts the frames that were exposed with other settings than applied.
+    """
+
+    serial: str
+    controller: str
+    width_px: int
+    height_px: int
+    pixel_format: str
+    frames: int
+    exposure_us: Range | None
+    gain_db: Range | None
+    settings_not_taken: int
+
+
+@dataclass(frozen=True, slots=True)
+class Info:
+    """A recording at a glance; `recovered` tells that its end was lost."""
+
+    file: str
+    size_mb: float
+    command: str
+    cameras: str
+    world_version: str
+    seed: int
+    git: str
+    versions: Mapping[str, str]
+    models: Mapping[str, str]
+    duration_s: float
+    rate_hz: float
+    triggers: int
+    pairs_complete: int
+    drops: Mapping[str, int]
+    recovered: bool
+    primary: CameraInfo
+    secondary: CameraInfo
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same as plain dicts, lists and numbers."""
+        return asdict(self)
+
+
+def info(path: Path | str) -> Info:
+    """Read a whole recording and say what is in it.
+
+    Raises RecordingError when there is none, RecordingDamaged when it is cut short or corrupt.
+    """
+    recording = open_recording(path)
+    header = recording.header
+    totals, times_ns = Totals(), list[int]()
+    primary, secondary = (_CameraTally() for _ in SIDES)
+    for record in recording.records():
+        totals.add(record.cause)
+        primary.add(record.shot.primary, record.applied.primary)
+        secondary.add(record.shot.secondary, record.applied.secondary)
+        times_ns += [shot.device_time_ns for shot in record.shot if isinstance(shot, Frame)][:1]
+    duration_s = (times_ns[-1] - times_ns[0]) / NS_PER_S if times_ns else 0.0
+    return Info(
+        file=str(recording.path),
+        size_mb=recording.path.stat().st_size / 1e6,
+        command=header.command,
+        cameras=header.cameras,
+        world_version=header.world_version,
+        seed=header.seed,
+        git=header.git,
+        versions=dict(header.versions),
+        models=dict(header.models),
+        duration_s=duration_s,
+        rate_hz=(len(times_ns) - 1) / duration_s if duration_s > 0 else 0.0,
+        triggers=totals.triggers,
+        pairs_complete=totals.complete,
+        drops=totals.lost,
+        recovered=recover.NAME in recording.metadata,
+        primary=primary.info(recording, "primary"),
+        secondary=secondary.info(recording, "secondary"),
+    )
+
+
+@dataclass(slots=True)
+class _CameraTally:
+    """Collects what one camera used."""
+
+    used: list[Settings] = field(default_factory=list)
+    not_taken: int = 0
+    pixel_format: str = ""
+
+    def add(self, shot: Frame | Lost, applied: Command) -> None:
+        if isinstance(shot, Frame):
+            self.used.append(shot.used)
+            self.pixel_format = shot.pixel_format
+            self.not_taken += isinstance(applied, Settings) and not _close(shot.used, applied)
+
+    def info(self, recording: Recording, side: Side) -> CameraInfo:
+        intrinsics: Intrinsics = getattr(recording.header.intrinsics, side)
+        return CameraInfo(
+            serial=getattr(recording.header.serials, side),
+            controller=getattr(recording.header.controllers, side),
+            width_px=intrinsics.width_px,
+            height_px=intrinsics.height_px,
+            pixel_format=self.pixel_format,
+            frames=len(self.used),
+            exposure_us=_range([used.exposure_us for used in self.used]),
+            gain_db=_range([used.gain_db for used in self.used]),
+            settings_not_taken=self.not_taken,
+        )
+
+
+def _close(used: Settings, applied: Settings) -> bool:
+    """Return whether two settings agree to the seven digits of a camera's 32-bit floats."""
+    return math.isclose(used.exposure_us, applied.exposure_us, rel_tol=1e-6) and math.isclose(
+        used.gain_db, applied.gain_db, rel_tol=1e-6, abs_tol=1e-6
+    )
+
+
+def _range(values: list[float]) -> Range | None:
+    return (min(values), median(values), max(values)) if values else None
