@@ -13,14 +13,11 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from rig.core.errors import ControllerError, ModelError
-from rig.core.types import Command, Diagnostics, Frame, Limits, Settings
+from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
 from rig.vision.bayer import NETWORK_PX, to_rgb224
 
 SCHEMA = "rig.network/1"
 FRAMES = 3
-START = Settings(1_000.0, 0.0)
-"""What the first picture is taken with."""
-
 _SHAPES = {
     "images": (3 * FRAMES, NETWORK_PX, NETWORK_PX),
     "settings": (2 * FRAMES,),
@@ -60,7 +57,7 @@ class NetworkController:
         """Forget all frames and return the first settings: 1 ms and 0 dB, inside `limits`."""
         self._limits = limits
         self._forget()
-        return START.clamp(limits)
+        return Auto().start.clamp(limits)
 
     def step(self, frame: Frame) -> Command:
         """Return the network's settings; raises ControllerError when it answers no number."""

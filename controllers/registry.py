@@ -16,6 +16,7 @@ CONTROLLERS: Mapping[str, str] = {
     "aeag": "AeagController",
     "fixed": "FixedController",
     "network": "NetworkController",
+    "shin": "ShinController",
 }
 """The class of each controller, in the module of the controller's name; loaded when asked for."""
 

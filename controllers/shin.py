@@ -1,0 +1,231 @@
+"""Noise-aware exposure control by searching the settings themselves (Shin et al. 2019).
+
+Every frame is one evaluation of the metric. A search starts around the settings of a frame, ends
+after at most 50 evaluations, and its best settings hold until the metric of a frame leaves the best
+by more than the tolerance (thesis 5.2.1, "convergence criterion").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+import numpy as np
+
+from rig.controllers.search import Evaluation, Point, Search, nelder_mead
+from rig.core.autoexposure import AutoExposure
+from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
+from rig.vision.bayer import to_bgr
+from rig.vision.metrics import SHIN_VARIANTS, ShinScore, mean_dn, shin
+
+TOLERANCES: Mapping[str, float] = {"low": 0.02, "mid": 0.05, "high": 0.15}
+"""How far the metric may leave the best before a new search; the authors published no numbers."""
+
+COST_SPREAD = 1e-5
+EVALUATIONS_MAX = 50
+UNUSABLE_COST = 1e10
+"""What settings outside the limits, and frames without gradients, cost."""
+
+ALPHA = 1.7
+GAIN_STEP_MIN_DB = 3.0
+EXPOSURE_STEP_MIN = 0.1
+"""The least relative change of exposure in the first simplex."""
+
+MIDDLE_DN = 128.0
+FLAT_FRAMES_MAX = 3
+"""So many frames in a row without gradients end a search: the light has gone."""
+
+ARRIVED_RATIO, ARRIVED_DB = 0.05, 0.5
+WAIT_FRAMES_MAX = 8
+"""A frame taken with other settings than asked is waited for, but not longer than this."""
+
+SAMPLES_ACROSS = 400
+
+
+@dataclass(slots=True)
+class ShinController:
+    """Maximises the metric `variant` by Nelder-Mead, one frame an evaluation.
+
+    `tolerance` is low, mid, high or a number > 0; `variant` a key of SHIN_VARIANTS. A frame without
+    gradients has no metric: until one has, the mean is steered to mid-grey. Raises ValueError
+    for another tolerance or variant.
+    """
+
+    tolerance: str = "mid"
+    variant: str = "authors"
+    _tolerance: float = field(init=False)
+    _limits: Limits = field(init=False, default_factory=Limits)
+    _command: Settings = field(init=False)
+    _score: ShinScore | None = field(init=False, default=None)
+    _search: Search | None = field(init=False, default=None, repr=False)
+    _best: Evaluation | None = field(init=False, default=None, repr=False)
+    _evaluations: int = field(init=False, default=0)
+    _searches: int = field(init=False, default=0)
+    _flat_frames: int = field(init=False, default=0)
+    _waited_frames: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self._tolerance = _number(self.tolerance)
+        if self.variant not in SHIN_VARIANTS:
+            close = get_close_matches(self.variant, SHIN_VARIANTS, 1)
+            hint = f"did you mean {close[0]!r}? " if close else ""
+            raise ValueError(
+                f"variant {self.variant!r} is unknown; {hint}known: {', '.join(SHIN_VARIANTS)}"
+            )
+        self._command = Auto().start
+
+    def reset(self, limits: Limits) -> Command:
+        """Forget the search and return the first settings: 1 ms and 0 dB, inside `limits`."""
+        self._limits = limits
+        self._command = Auto().start.clamp(limits)
+        self._score = self._search = self._best = None
+        self._evaluations = self._searches = self._flat_frames = self._waited_frames = 0
+        return self._command
+
+    def step(self, frame: Frame) -> Command:
+        """Take the frame as an evaluation, or hold while its metric stays near the best."""
+        self._score = score = _measure(frame, self.variant)
+        self._flat_frames = self._flat_frames + 1 if score.flat else 0
+        if self._search is not None and self._flat_frames < FLAT_FRAMES_MAX:
+            return self._continue_search(self._search, frame.used, score)
+        if score.flat:
+            return self._steer(frame)
+        if self._best is None or abs(score.score + self._best.cost) > self._tolerance:
+            return self._start_search(frame, score)
+        return self._command
+
+    def diagnostics(self) -> Diagnostics:
+        """Return the phase (search, hold or flat), the metric and the length of the search."""
+        if self._score is None:
+            return {}
+        resting = "flat" if self._best is None else "hold"
+        return {
+            "phase": resting if self._search is None else "search",
+            "score": self._score.score,
+            "gradient": self._score.gradient,
+            "entropy": self._score.entropy,
+            "noise_dn": self._score.noise_dn,
+            "evaluations": float(self._evaluations),
+            "searches": float(self._searches),
+        }
+
+    def _steer(self, frame: Frame) -> Command:
+        """Give up searching and move the mean to mid-grey."""
+        self._search = self._best = None
+        law = AutoExposure(self._limits, MIDDLE_DN, 0.0, frame.used)
+        self._command = law.after(mean_dn(frame.image)).settings
+        return self._command
+
+    def _start_search(self, frame: Frame, score: ShinScore) -> Command:
+        """Begin around the frame's settings, which are the first evaluation."""
+        simplex = initial_simplex(frame.used, mean_dn(frame.image), self._limits)
+        search = nelder_mead(simplex, point_spread=math.inf, cost_spread=COST_SPREAD)
+        next(search)
+        self._search, self._best = search, None
+        self._evaluations, self._searches = 0, self._searches + 1
+        return self._evaluate(search, Evaluation(simplex[0], -score.score))
+
+    def _continue_search(self, search: Search, used: Settings, score: ShinScore) -> Command:
+        """Stamp the metric with the settings that were really used, once they have arrived."""
+        if not _arrived(used, self._command) and self._waited_frames < WAIT_FRAMES_MAX:
+            self._waited_frames += 1
+            return self._command
+        cost = UNUSABLE_COST if score.flat else -score.score
+        return self._evaluate(search, Evaluation(_point(used), cost))
+
+    def _evaluate(self, search: Search, evaluation: Evaluation) -> Command:
+        """Send an evaluation; return the next settings to try, or the best when it was the last.
+
+        Points outside the limits cost an evaluation but no frame.
+        """
+        self._waited_frames = 0
+        while self._evaluations < EVALUATIONS_MAX:
+            self._evaluations += 1
+            if self._best is None or evaluation.cost < self._best.cost:
+                self._best = evaluation
+            try:
+                asked = search.send(evaluation)
+            except StopIteration:
+                break
+            if _inside(asked, self._limits):
+                self._command = _settings(asked)
+                return self._command
+            evaluation = Evaluation(asked, UNUSABLE_COST)
+        self._search = None
+        if self._best is not None:
+            self._command = _settings(self._best.point).clamp(self._limits)
+        return self._command
+
+
+def initial_simplex(used: Settings, mean_dn: float, limits: Limits) -> list[Point]:
+    """Return the settings used, with another gain, and with another exposure.
+
+    Both are scaled by the authors' 1 + h: h rises to 1.7 for a black picture and falls to -0.59
+    for a white one. Scaling cannot move 0 dB, nor settings at their limit: those move by a least
+    step, to the other side where there is no room.
+    """
+    h = -mean_dn / (255 * ALPHA) if mean_dn >= MIDDLE_DN else ALPHA * (1 - mean_dn / 255)
+    start = used.clamp(limits)
+    exposure_us, gain_db = start.exposure_us, start.gain_db
+    other_gain = _moved(gain_db, gain_db * h, math.copysign(GAIN_STEP_MIN_DB, h), limits.gain_db)
+    least_us = math.copysign(EXPOSURE_STEP_MIN * exposure_us, h)
+    other_exposure = _moved(exposure_us, exposure_us * h, least_us, limits.exposure_us)
+    corners = [(exposure_us, gain_db), (exposure_us, other_gain), (other_exposure, gain_db)]
+    return [np.array(corner) for corner in corners]
+
+
+def _moved(value: float, change: float, least: float, limits: tuple[float, float]) -> float:
+    """Return `value` changed inside the limits, by `least` at least where they leave room."""
+    moved = min(max(value + change, limits[0]), limits[1])
+    if abs(moved - value) >= abs(least):
+        return moved
+    for candidate in (value + least, value - least):
+        if limits[0] <= candidate <= limits[1]:
+            return candidate
+    return max(limits, key=lambda limit: abs(limit - value))
+
+
+def _measure(frame: Frame, variant: str) -> ShinScore:
+    """Return the metric of a frame, from about 400 samples across.
+
+    The stride is odd, so that the samples see every place of the mosaic alike.
+    """
+    stride = max(frame.image.shape[1] // SAMPLES_ACROSS, 1) | 1
+    colour = frame.pixel_format != "mono8"
+    picture = to_bgr(frame.image, frame.pixel_format) if colour else frame.image
+    return shin(picture, variant, stride)
+
+
+def _arrived(used: Settings, asked: Settings) -> bool:
+    return (
+        abs(used.exposure_us / asked.exposure_us - 1) <= ARRIVED_RATIO
+        and abs(used.gain_db - asked.gain_db) <= ARRIVED_DB
+    )
+
+
+def _inside(point: Point, limits: Limits) -> bool:
+    (shortest_us, longest_us), (lowest_db, highest_db) = limits.exposure_us, limits.gain_db
+    return bool(shortest_us <= point[0] <= longest_us and lowest_db <= point[1] <= highest_db)
+
+
+def _point(settings: Settings) -> Point:
+    return np.array([settings.exposure_us, settings.gain_db])
+
+
+def _settings(point: Point) -> Settings:
+    return Settings(float(point[0]), float(point[1]))
+
+
+def _number(tolerance: str) -> float:
+    """Return the number that a tolerance means."""
+    try:
+        value = TOLERANCES[tolerance] if tolerance in TOLERANCES else float(tolerance)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(
+            f"tolerance must be {', '.join(TOLERANCES)} or a number > 0, got {tolerance!r}"
+        )
+    return value
