@@ -1,0 +1,146 @@
+"""The report: its numbers are the summary's, it asks nothing of the network, names are escaped."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from synthetic_run import SyntheticRun
+
+from rig.core.types import Pair
+from rig.evaluation.report import write_report
+from rig.evaluation.report.page import render
+from rig.evaluation.report.verdict import verdict
+from rig.evaluation.summary import summarise
+
+
+def page(run: SyntheticRun) -> str:
+    return render(run, summarise(run))
+
+
+class Tags(HTMLParser):
+    """Collects every start tag with its attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+
+@pytest.fixture(scope="module")
+def run() -> SyntheticRun:
+    return SyntheticRun(triggers=40, lost={20: "timeout", 30: "sequence"})
+
+
+@pytest.fixture(scope="module")
+def text(run: SyntheticRun) -> str:
+    return page(run)
+
+
+def test_it_asks_nothing_of_the_network(text: str) -> None:
+    assert not re.search(r"https?:|//[a-z0-9-]+\.[a-z]|@import|url\(", text)
+    for tag, attributes in Tags(text).tags:
+        for name in ("src", "href"):
+            assert (attributes.get(name) or "data:").startswith("data:"), (tag, attributes)
+
+
+def test_the_curves_are_the_series(run: SyntheticRun, text: str) -> None:
+    found = re.search(r'<script type="application/json" id="series">(.*?)</script>', text)
+    assert found is not None
+    drawn = json.loads(found.group(1))
+    summary = summarise(run)
+    assert drawn["pair"] == list(range(40))
+    assert drawn["incomplete"] == [20, 30]
+    titles = [chart["title"] for chart in drawn["charts"]]
+    assert titles[:4] == ["ORB inliers", "Exposure", "Gain", "Mean grey"]
+    left, right = drawn["charts"][0]["curves"]
+    counts = summary.camera("left").inliers["orb"]
+    assert left["values"] == [None if c != c else c for c in counts.tolist()]
+    assert (left["name"], right["name"]) == ("ours", "aeag")
+    assert drawn["charts"][1]["log"] is True
+
+
+def test_simulated_runs_say_so_and_real_ones_do_not(text: str) -> None:
+    assert "SIMULATED" in text
+    assert "SIMULATED" in page(SyntheticRun(triggers=12, cameras="gige:sim:tunnel?seed=1"))
+    assert "SIMULATED" not in page(SyntheticRun(triggers=12, cameras="aravis:1801,1802?x=sim:"))
+
+
+def test_the_verdict_has_the_numbers_and_claims_no_significance(run: SyntheticRun) -> None:
+    summary = summarise(run)
+    sentence = verdict(summary).replace("\u202f", "")
+    for side in (summary.left, summary.right):
+        median = side.inliers["orb"].median
+        assert median is not None
+        assert f"{median:.1f}".removesuffix(".0") in sentence
+        assert side.controller in sentence
+    assert "better" not in sentence
+    assert "significant" not in sentence
+
+
+def test_one_run_is_called_one_sample(text: str) -> None:
+    assert "One run is one sample" in text
+
+
+def test_the_control_experiment_is_named() -> None:
+    summary = summarise(SyntheticRun(triggers=14, names=Pair("aeag", "aeag")))
+    assert verdict(summary).startswith("Control run: aeag drove both cameras.")
+
+
+def test_names_are_escaped() -> None:
+    hostile = "</script><img src=x onerror=alert(1)>"
+    run = SyntheticRun(triggers=14, names=Pair(hostile, "aeag"), lost={12: "<b>cause</b>"})
+    text = page(run)
+    assert hostile not in text
+    assert "<b>cause" not in text
+    assert "&lt;/script&gt;&lt;img" in text
+    assert not [a for tag, a in Tags(text).tags if "onerror" in a]
+
+
+def test_pictures_are_shown_at_the_worst_and_the_median_moments(
+    run: SyntheticRun, text: str
+) -> None:
+    summary = summarise(run)
+    counts = summary.camera("left").inliers["orb"]
+    counted = [c for c in counts[10:] if c == c]
+    worst = next(t for t in range(10, 40) if counts[t] == min(counted))
+    assert f"pair {worst}</span>" in text
+    assert "ours (left) at its worst" in text
+    assert "aeag (right) at its median" in text
+    images = [a for tag, a in Tags(text).tags if tag == "img"]
+    assert 4 <= len(images) <= 8
+    assert all((image["src"] or "").startswith("data:image/webp;base64,") for image in images)
+
+
+def test_what_is_needed_to_repeat_the_run_is_there(run: SyntheticRun, text: str) -> None:
+    header = run.header
+    for word in (header.command, header.cameras.replace("&", "&amp;"), header.git, "wall/1"):
+        assert word in text
+    assert header.models["ours"] in text
+    assert header.versions["numpy"] in text
+
+
+def test_a_short_run_makes_a_page_without_pictures() -> None:
+    text = page(SyntheticRun(triggers=3))
+    assert "Nothing was counted" in text
+    assert "<img" not in text
+
+
+def test_a_run_without_any_complete_pair_makes_a_page() -> None:
+    text = page(SyntheticRun(triggers=12, lost=dict.fromkeys(range(12), "timeout")))
+    assert "Nothing was counted" in text
+
+
+def test_the_file_is_small_and_the_same_every_time(tmp_path: Path) -> None:
+    run = SyntheticRun(triggers=120)
+    summary = summarise(run)
+    for name in ("a.html", "b.html"):
+        write_report(tmp_path / name, run, summary)
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+    assert (tmp_path / "a.html").stat().st_size < 3_000_000
