@@ -1,0 +1,195 @@
+"""What every controller keeps, whatever it thinks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from numpy.typing import NDArray
+from onnx import TensorProto, helper
+
+from rig.controllers.registry import CONTROLLERS, make_controller
+from rig.core.autoexposure import AutoExposure
+from rig.core.protocols import Controller
+from rig.core.types import THESIS_LIMITS, Auto, Command, Frame, Limits, Settings
+from rig.core.units import gain_factor
+
+SHAPE = (48, 64)
+INDOOR, DAYLIGHT = 0.01, 0.2
+"""Grey levels per microsecond of a white surface, at 0 dB."""
+
+NARROW_LIMITS = Limits((500.0, 9_000.0), (3.0, 12.0))
+
+
+@dataclass(slots=True)
+class AnalyticCamera:
+    """A noiseless camera before a textured wall: grey = clip(light x texture x brightness)."""
+
+    limits: Limits = THESIS_LIMITS
+    sequence: int = 0
+    auto: AutoExposure | None = None
+    asked: Auto | None = None
+    texture: NDArray[np.float64] = field(
+        default_factory=lambda: np.random.default_rng(5).uniform(0.1, 1.0, SHAPE)
+    )
+
+    def shoot(self, command: Command, light_dn_per_us: float) -> Frame:
+        used = self.settings(command)
+        brightness = light_dn_per_us * used.exposure_us * gain_factor(used.gain_db)
+        image = np.clip(self.texture * brightness, 0, 255).astype(np.uint8)
+        if self.auto is not None:
+            self.auto = self.auto.after(float(image.mean()))
+        self.sequence += 1
+        time_ns = self.sequence * 100_000_000
+        return Frame(image, "bayer_rggb8", self.sequence - 1, time_ns, time_ns, used)
+
+    def settings(self, command: Command) -> Settings:
+        if isinstance(command, Settings):
+            self.auto = None
+            return command.clamp(self.limits)
+        if self.auto is None or command != self.asked:
+            self.asked = command
+            self.auto = AutoExposure(
+                command.limits, command.target_dn, command.damping, command.start
+            )
+        return self.auto.settings
+
+
+def write_brightness_network(path: Path) -> Path:
+    """Write a network that lowers its exposure when the newest picture is bright."""
+    nodes = [
+        helper.make_node("ReduceMean", ["images"], ["mean"], axes=[1, 2, 3], keepdims=0),
+        helper.make_node("Unsqueeze", ["mean", "axis"], ["column"]),
+        helper.make_node("MatMul", ["column", "slope"], ["change"]),
+        helper.make_node("Add", ["change", "offset"], ["next_settings"]),
+    ]
+    shapes = {"images": ["N", 9, 224, 224], "settings": ["N", 6], "next_settings": ["N", 2]}
+    values = {
+        name: helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+        for name, shape in shapes.items()
+    }
+    graph = helper.make_graph(
+        nodes,
+        "brightness",
+        [values["images"], values["settings"]],
+        [values["next_settings"]],
+        [
+            helper.make_tensor("axis", TensorProto.INT64, [1], [1]),
+            helper.make_tensor("slope", TensorProto.FLOAT, [1, 2], [-0.02, -0.02]),
+            helper.make_tensor("offset", TensorProto.FLOAT, [2], [0.05, 0.01]),
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=9)
+    onnx.helper.set_model_props(
+        model,
+        {
+            "schema": "rig.network/1",
+            "frames": "3",
+            "exposure_us_lo": "75",
+            "exposure_us_hi": "30000",
+            "gain_db_lo": "0",
+            "gain_db_hi": "30",
+        },
+    )
+    onnx.save(model, path)
+    return path
+
+
+SPECS = {
+    "aeag": "aeag",
+    "fixed": "fixed:exposure_us=2000,gain_db=6",
+    "network": "network:model={model}",
+    "shin": "shin",
+    "shin-cpp": "shin:variant=authors-cpp,tolerance=high",
+}
+MakeController = Callable[[], Controller]
+
+
+def test_every_controller_is_held_to_the_contract() -> None:
+    assert {spec.partition(":")[0] for spec in SPECS.values()} == set(CONTROLLERS)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_brightness_network(tmp_path_factory.mktemp("network") / "brightness.onnx")
+
+
+@pytest.fixture(params=sorted(SPECS))
+def make(request: pytest.FixtureRequest, model: Path) -> MakeController:
+    spec = SPECS[request.param].format(model=model)
+    return lambda: make_controller(spec, seed=0, networks={}).controller
+
+
+def drive(
+    controller: Controller,
+    lights: list[float],
+    limits: Limits = THESIS_LIMITS,
+    restamp: Callable[[Frame], Frame] = lambda frame: frame,
+) -> tuple[list[Command], list[Settings], list[NDArray[np.uint8]]]:
+    """Return the commands, the settings used and the pictures of one frame per light."""
+    camera = AnalyticCamera(limits)
+    commands, used, images = [controller.reset(limits)], [], []
+    for light in lights:
+        frame = camera.shoot(commands[-1], light)
+        used.append(frame.used)
+        images.append(frame.image)
+        commands.append(controller.step(restamp(frame)))
+        for value in controller.diagnostics().values():
+            assert isinstance(value, str) or np.isfinite(value)
+    return commands, used, images
+
+
+FLICKER = [INDOOR, DAYLIGHT, 0.0, 1e3] * 10 + [INDOOR] * 30 + [0.0] * 30 + [1e4] * 30 + [1.0] * 30
+
+
+@pytest.mark.parametrize("limits", [THESIS_LIMITS, NARROW_LIMITS])
+def test_commands_stay_within_the_limits(make: MakeController, limits: Limits) -> None:
+    for command in drive(make(), FLICKER, limits)[0]:
+        if isinstance(command, Auto):
+            assert command.limits == limits
+            assert command.start == command.start.clamp(command.limits)
+        else:
+            assert command == command.clamp(limits)
+
+
+def test_the_same_frames_give_the_same_commands(make: MakeController) -> None:
+    once = drive(make(), FLICKER)[0]
+    controller = make()
+    assert drive(controller, FLICKER)[0] == once
+    assert drive(controller, FLICKER)[0] == once, "reset must forget everything"
+
+
+def test_sequence_numbers_and_times_decide_nothing(make: MakeController) -> None:
+    def restamp(frame: Frame) -> Frame:
+        noise = np.random.default_rng(frame.sequence).integers(0, 2**40, 3).tolist()
+        return replace(frame, sequence=noise[0], device_time_ns=noise[1], host_time_ns=noise[2])
+
+    lights = [INDOOR] * 40 + [DAYLIGHT] * 40
+    assert drive(make(), lights, restamp=restamp)[0] == drive(make(), lights)[0]
+
+
+def test_the_picture_is_left_as_it_was(make: MakeController) -> None:
+    camera = AnalyticCamera()
+    controller = make()
+    frame = camera.shoot(controller.reset(THESIS_LIMITS), INDOOR)
+    frame.image.setflags(write=False)
+    before = frame.image.copy()
+    controller.step(frame)
+    assert np.array_equal(frame.image, before)
+
+
+@pytest.mark.parametrize("light", [INDOOR, DAYLIGHT])
+def test_it_settles_and_holds_on_constant_light(make: MakeController, light: float) -> None:
+    _, used, _ = drive(make(), [light] * 120)
+    assert len(set(used[-20:])) == 1
+
+
+@pytest.mark.parametrize("before", [0.0, 1e5])
+def test_it_recovers_from_black_and_from_white(make: MakeController, before: float) -> None:
+    _, used, images = drive(make(), [before] * 100 + [INDOOR * 3] * 120)
+    assert 20 < images[-1].mean() < 235
+    assert len(set(used[-10:])) == 1
