@@ -225,7 +225,7 @@ def _sha256(folder: Path) -> str:
 
 
 def _load(path: Path) -> Targets:
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         header = json.loads(str(file["header"]))
         small = {field.name: file[field.name] for field in fields(Poses) if field.name != "images"}
     if header.pop("schema", None) != SCHEMA:

@@ -24,7 +24,7 @@ def make_poses(count: int, seed: int, recording: int = 0, drive: int = 0) -> Pos
     """The darker the light, the longer the exposure and the higher the gain to aim for."""
     rng = np.random.default_rng(seed)
     texture = rng.uniform(0.5, 1.0, (3, 224, 224)).astype(np.float32)
-    dark = rng.uniform(0.0, 1.0, count)
+    dark = rng.uniform(0.0, 0.9, count)
     exposure_us, gain_db = rng.uniform(75, 30_000, (count, 2)), rng.uniform(0, 30, (count, 2))
     bright = 255 * (1 - dark[:, None]) * (0.3 + 0.7 * exposure_us / 30_000)
     images = bright[:, :, None, None, None] * texture

@@ -70,7 +70,7 @@ def test_metrics_say_what_they_need() -> None:
 
 
 def test_unknown_metric_gets_a_suggestion() -> None:
-    with pytest.raises(UsageError, match="'hybird'.*did you mean 'hybrid'"):
+    with pytest.raises(UsageError, match=r"'hybird'.*did you mean 'hybrid'"):
         find_metric("hybird")
     with pytest.raises(UsageError, match="choose from feat, grid, hybrid"):
         find_metric("xyz")

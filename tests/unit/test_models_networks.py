@@ -29,7 +29,9 @@ def test_thesis_input_has_colours_exposure_and_gain_of_each_frame() -> None:
     joined = as_thesis_input(images, settings)
     assert joined.shape == (3, 15, 224, 224)
     for frame in range(3):
-        assert torch.equal(joined[:, 5 * frame : 5 * frame + 3], images[:, 3 * frame : 3 * frame + 3])
+        assert torch.equal(
+            joined[:, 5 * frame : 5 * frame + 3], images[:, 3 * frame : 3 * frame + 3]
+        )
         for which in range(2):
             plane = joined[:, 5 * frame + 3 + which]
             assert torch.equal(plane, settings[:, 2 * frame + which, None, None].expand_as(plane))
@@ -95,7 +97,7 @@ def test_each_setting_moves_the_answer() -> None:
 
 
 def test_unknown_network_gets_a_suggestion() -> None:
-    with pytest.raises(UsageError, match="'dual-smal'.*did you mean 'dual-small'"):
+    with pytest.raises(UsageError, match=r"'dual-smal'.*did you mean 'dual-small'"):
         make_network("dual-smal")
     with pytest.raises(UsageError, match="choose from dual-small, dual-large"):
         make_network("vgg")
