@@ -6,7 +6,7 @@ from contextlib import closing
 from typing import Literal
 
 from rig.cli.drive import make_header, record_drive
-from rig.cli.options import DEFAULT_RUN, RunOptions, make_run_folder
+from rig.cli.options import DEFAULT_RUN, RunOptions, make_folder, run_folder
 from rig.cli.race import contestant
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.controllers.perturb import make_perturbation
@@ -35,7 +35,7 @@ def collect(
     """
     leading = contestant(leader, run.seed)
     with closing(open_source(run.cameras, seed=run.seed, split="train")) as source:
-        folder = make_run_folder(run.out, "collect")
+        folder = run_folder(run.out, "collect")
         policy = CollectPolicy(leading, make_perturbation(perturb, seed=run.seed), SystemClock())
         options = {f"primary.{key}": value for key, value in leading.options.items()}
         header = make_header(
@@ -45,6 +45,7 @@ def collect(
             options=options | {"perturb": perturb},
             models={},
         )
+        make_folder(folder)
         drive = record_drive(source, policy, header, folder, run.frames, terminal)
     count = f"{drive.run.complete} of {drive.run.triggers} pairs complete"
     terminal.result(f"{count}: {folder}", {"file": str(folder), "pairs": drive.run.complete})

@@ -17,6 +17,8 @@ from rig.evaluation.summary import Summary, summarise
 from rig.record.header import RunHeader
 from rig.record.reader import Recording, open_recording
 
+REPORT = "report.html"
+
 
 @dataclass(frozen=True, slots=True)
 class Watched:
@@ -44,15 +46,20 @@ def judge(recording: Recording, terminal: Terminal, front_ends: FrontEnds = FRON
 
 
 def publish(folder: Path, terminal: Terminal) -> Summary:
-    """Write summary.json and report.html of the recording in `folder`, and print the verdict."""
+    """Judge the recording in `folder` and write its summary.json and report.html."""
     recording = open_recording(folder)
     summary = judge(recording, terminal)
-    values = summary.as_json()
-    (folder / "summary.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-    report = folder / "report.html"
-    write_report(report, recording, summary)
-    terminal.result(f"{verdict(summary)}\n{table([values])}\nreport: {report}", values)
+    values = json.dumps(summary.as_json(), indent=2)
+    (folder / "summary.json").write_text(values + "\n", encoding="utf-8")
+    write_report(folder / REPORT, recording, summary)
     return summary
+
+
+def tell(folder: Path, summary: Summary, terminal: Terminal) -> None:
+    """Print the verdict, a table, and where the report is."""
+    values = summary.as_json()
+    text = f"{verdict(summary)}\n{table([values])}\nreport: {folder / REPORT}"
+    terminal.result(text, values)
 
 
 def table(runs: list[dict[str, Any]]) -> str:

@@ -31,9 +31,16 @@ class RunOptions:
 DEFAULT_RUN = RunOptions()
 
 
-def make_run_folder(out: Path | None, command: str) -> Path:
-    """Make and return a new folder; raises RigError for one that is already there."""
+def run_folder(out: Path | None, command: str) -> Path:
+    """Return the folder that a run will make; raises RigError for one that is already there."""
     folder = out or _unused(Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{command}")
+    if folder.exists():
+        raise RigError(f"--out {folder} exists, nothing is overwritten: name a new one")
+    return folder
+
+
+def make_folder(folder: Path) -> None:
+    """Make a new folder; raises RigError for one that is already there or cannot be."""
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
@@ -42,7 +49,6 @@ def make_run_folder(out: Path | None, command: str) -> Path:
         ) from None
     except OSError as error:
         raise RigError(f"--out {folder} cannot be made: {error.strerror}") from None
-    return folder
 
 
 def _unused(folder: Path) -> Path:

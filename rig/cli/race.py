@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from rig.cli.drive import make_header, record_drive
-from rig.cli.judge import publish
-from rig.cli.options import DEFAULT_RUN, RunOptions, make_run_folder
+from rig.cli.evaluate import words
+from rig.cli.exits import INTERRUPTED
+from rig.cli.judge import REPORT, publish, tell
+from rig.cli.options import DEFAULT_RUN, RunOptions, make_folder, run_folder
 from rig.cli.provenance import file_sha256
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.controllers.policies import RacePolicy
 from rig.controllers.registry import NamedController, make_controller
 from rig.core.clock import SystemClock
+from rig.core.errors import UsageError
 from rig.core.types import Pair
 from rig.drivers.registry import open_source
+from rig.evaluation.aggregate import aggregate
+from rig.evaluation.summary import Summary
 from rig.models.shipped import shipped_networks
 
 
@@ -26,6 +34,7 @@ def race(
     /,
     *,
     swap: Annotated[bool, Parameter(negative="")] = False,
+    seeds: str | None = None,
     run: RunOptions = DEFAULT_RUN,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
@@ -39,22 +48,81 @@ def race(
         Controller of the secondary camera; the same as LEFT for the control experiment.
     swap:
         Give LEFT the secondary camera instead.
+    seeds:
+        Race on each of these seeds, such as 1-20 or 3,5,8, and compare over all of them.
     """
-    left_right = Pair(contestant(left, run.seed), contestant(right, run.seed))
-    wired = Pair(left_right.secondary, left_right.primary) if swap else left_right
+    wiring = (right, left) if swap else (left, right)
+    folder = run_folder(run.out, "race")
+    if seeds is not None:
+        return race_seeds(wiring, swap, parse_seeds(seeds), run, folder, terminal)
+    raced = race_once(wiring, swap, run, folder, terminal)
+    tell(folder, raced.summary, terminal)
+    return raced.exit_code
+
+
+def race_seeds(
+    wiring: tuple[str, str],
+    swap: bool,
+    seeds: list[int],
+    run: RunOptions,
+    folder: Path,
+    terminal: Terminal,
+) -> int:
+    """Race once a seed, each into its own folder, and write what they come to together."""
+    summaries, codes = [], []
+    for seed in seeds:
+        terminal.say(f"seed {seed}:")
+        raced = race_once(wiring, swap, replace(run, seed=seed), folder / f"{seed}", terminal)
+        summaries.append(raced.summary.as_json())
+        codes.append(raced.exit_code)
+        if raced.exit_code == INTERRUPTED:
+            break
+    values = aggregate(summaries)
+    (folder / "evaluation.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+    terminal.result(f"{words(values)}\nreports: {folder}/*/{REPORT}", values)
+    return max(codes)
+
+
+def race_once(
+    wiring: tuple[str, str], swap: bool, run: RunOptions, folder: Path, terminal: Terminal
+) -> Raced:
+    """Drive once and publish the run in `folder`; `wiring` is (primary, secondary)."""
+    primary, secondary = (contestant(spec, run.seed) for spec in wiring)
+    wired = Pair(primary, secondary)
     with closing(open_source(run.cameras, seed=run.seed, split="test")) as source:
-        folder = make_run_folder(run.out, "race")
         header = make_header(
             source,
             run.seed,
-            Pair(wired.primary.name, wired.secondary.name),
+            Pair(primary.name, secondary.name),
             options=race_options(wired, swap),
             models=used_models(wired),
         )
-        policy = RacePolicy(wired.primary, wired.secondary, SystemClock())
+        make_folder(folder)
+        policy = RacePolicy(primary, secondary, SystemClock())
         drive = record_drive(source, policy, header, folder, run.frames, terminal)
-    publish(folder, terminal)
-    return drive.exit_code
+    return Raced(publish(folder, terminal), drive.exit_code)
+
+
+@dataclass(frozen=True, slots=True)
+class Raced:
+    """One race, judged, and how it ended."""
+
+    summary: Summary
+    exit_code: int
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Return the seeds that `1-20` or `3,5,8` names; raises UsageError for anything else."""
+    seeds: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        try:
+            seeds += range(int(first), int(last or first) + 1)
+        except ValueError:
+            raise UsageError(f"--seeds {text!r}: write 1-20 or 3,5,8") from None
+    if not seeds:
+        raise UsageError(f"--seeds {text!r} names no seed: write 1-20 or 3,5,8")
+    return seeds
 
 
 def contestant(spec: str, seed: int) -> NamedController:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.cli.exits import OK
-from rig.cli.judge import publish
+from rig.cli.judge import publish, tell
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 
 
@@ -18,5 +18,6 @@ def report(*recordings: Path, terminal: Terminal = DEFAULT_TERMINAL) -> int:
         Folders of runs, their run.mcap, or their metadata.yaml.
     """
     for recording in recordings:
-        publish(recording if recording.is_dir() else recording.parent, terminal)
+        folder = recording if recording.is_dir() else recording.parent
+        tell(folder, publish(folder, terminal), terminal)
     return OK

@@ -41,7 +41,7 @@ class Limits:
                 raise ValueError(f"{name} limits must be finite and ordered, got {low!r}..{high!r}")
 
     def within(self, outer: Limits) -> Limits:
-        """Return the part of these limits that `outer` allows too; ValueError when there is none."""
+        """Return the part of these limits that `outer` allows; ValueError when there is none."""
         return Limits(
             _overlap(self.exposure_us, outer.exposure_us), _overlap(self.gain_db, outer.gain_db)
         )
