@@ -1,0 +1,90 @@
+"""Bad input gets one clear line and the right exit code, and loses nothing."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from rig.cli.main import run
+
+CAMERAS = ("--cameras", "sim:tunnel?size=320x240")
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    capsys.readouterr()
+    code = run([str(argument) for argument in arguments])
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("rig: ")]
+    assert len(lines) == 1, "one line"
+    return code, lines[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("race", "shinn", "aeag"), 2, ("shinn", "shin")),
+        (("race", "aeag:target=50", "aeag"), 2, ("target", "target_dn")),
+        (("race", "fixed:exposure_us=much", "aeag"), 2, ("exposure_us", "much")),
+        (("race", "aeag", "aeag", "--cameras", "sim:tunel"), 2, ("tunel", "tunnel")),
+        (("race", "aeag", "aeag", "--cameras", "sim:tunnel?sped_mps=3"), 2, ("speed_mps",)),
+        (("race", "aeag", "aeag", "--cameras", "sim:tunnel?size=big"), 2, ("size", "big")),
+        (("race", "aeag", "aeag", "--cameras", "usb:1"), 2, ("usb", "sim")),
+        (("race", "aeag"), 2, ("RIGHT",)),
+        (("rase", "aeag", "aeag"), 2, ("race",)),
+        (("race", "aeag", "aeag", "--seeds", "one"), 2, ("one", "1-20")),
+        (("evaluate", "no/such/run"), 1, ("no/such/run",)),
+        (("evaluate",), 2, ("nothing to evaluate",)),
+        (("info", "no/such/run"), 1, ("no/such/run",)),
+        (("train", "none.npz", "--out", "x.onnx"), 1, ("none.npz",)),
+    ],
+)
+def test_one_line_and_the_exit_code(
+    arguments: tuple[str, ...],
+    code: int,
+    words: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    got, line = complaint(capsys, *arguments)
+    assert got == code, line
+    for word in words:
+        assert word in line
+    assert not list(tmp_path.iterdir()), "nothing is left behind"
+
+
+def test_a_folder_that_exists_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine").write_text("precious")
+    code, line = complaint(capsys, "race", "aeag", "aeag", *CAMERAS, "--out", tmp_path / "mine")
+    assert code == 1
+    assert "mine" in line and "exists" in line
+    assert (tmp_path / "mine").read_text() == "precious"
+
+
+def test_a_network_of_the_wrong_shape_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "noise.onnx"
+    model.write_bytes(b"this is no network")
+    code, line = complaint(capsys, "race", f"network:model={model}", "aeag", *CAMERAS)
+    assert code == 1
+    assert "noise.onnx" in line
+
+
+def test_a_recording_cut_short_is_named_and_repaired(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = tmp_path / "cut"
+    shutil.copytree(race_folder, cut)
+    whole = (cut / "run.mcap").read_bytes()
+    (cut / "run.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    code, line = complaint(capsys, "info", cut)
+    assert code == 1
+    assert "rig recover" in line
+    assert run(["recover", str(cut)]) == 0
+    assert run(["info", str(cut)]) == 0
+    assert run(["verify", str(cut)]) in (0, 3)

@@ -1,0 +1,115 @@
+"""The commands as a script calls them: what they write, print, and exit with."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rig.cli.main import run
+from rig.record.reader import open_recording
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = run([str(argument) for argument in arguments])
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+def test_a_race_leaves_three_files(race_folder: Path) -> None:
+    assert {"run.mcap", "summary.json", "report.html"} <= {p.name for p in race_folder.iterdir()}
+    summary = json.loads((race_folder / "summary.json").read_text())
+    assert summary["schema"] == "rig.summary/1"
+    assert summary["frames"] == summary["pairs_complete"] == 14
+    assert summary["drops"] == {}
+    assert summary["left"]["controller"] == "aeag"
+    assert set(summary["right"]["orb"]) == {"median", "min", "mean", "p5", "blind_frames"}
+    assert summary["right"]["exposure_us"] == [2000.0, 2000.0, 2000.0]
+    assert summary["world_version"].startswith("tunnel/")
+
+
+def test_the_same_seed_gives_the_same_settings_and_pictures(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = json.loads((race_folder / "summary.json").read_text())
+    arguments = ["--frames", "6", "--seed", "3", "--out", tmp_path / "again", "-q"]
+    rivals = (summary["left"]["controller"], summary["right"]["controller"])
+    code, _, _ = said(capsys, "race", *rivals, "--cameras", summary["cameras"], *arguments)
+    assert code == 0
+    again = open_recording(tmp_path / "again").records()
+    for first, second in zip(open_recording(race_folder).records(), again, strict=False):
+        assert first.asked == second.asked
+        for a, b in zip(first.shot, second.shot, strict=True):
+            assert a.used == b.used
+            assert a.image.tobytes() == b.image.tobytes()
+
+
+def test_swap_gives_left_the_secondary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--frames", "3", "--cameras", "sim:tunnel?size=320x240", "--out", tmp_path / "s"]
+    code, out, _ = said(capsys, "race", "aeag", "fixed:exposure_us=500,gain_db=0", "--swap",
+                        "--json", *arguments)  # fmt: skip
+    assert code == 0
+    assert json.loads(out)["left"]["controller"] == "aeag"
+    recording = open_recording(tmp_path / "s")
+    assert recording.header.controllers.secondary == "aeag"
+
+
+def test_seeds_are_compared_over_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--frames", "13", "--cameras", "sim:tunnel?size=320x240&seed=3", "--json", "-q"]
+    out = tmp_path / "many"
+    code, text, _ = said(capsys, "race", "aeag", "aeag", "--seeds", "1,2", "--out", out, *arguments)
+    assert code == 0
+    values = json.loads(text)
+    assert values == json.loads((out / "evaluation.json").read_text())
+    assert [run["seed"] for run in values["runs"]] == [1, 2]
+    assert (out / "2" / "report.html").is_file()
+
+
+def test_verify_finds_a_run_sound(race_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = said(capsys, "verify", race_folder, "--json")
+    assert code == 0
+    assert json.loads(out) == {"sound": True, "pairs": 14, "lost": {}, "false_claims": []}
+
+
+def test_info_tells_rate_and_settings(
+    race_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = said(capsys, "info", race_folder / "run.mcap")
+    assert code == 0
+    assert "sim:tunnel" in out and "aeag" in out
+
+
+def test_evaluate_ranks_controllers(race_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = said(capsys, "evaluate", race_folder, "--json")
+    assert code == 0
+    values = json.loads(out)
+    assert values["schema"] == "rig.evaluation/1"
+    assert values["runs"][0] == json.loads((race_folder / "summary.json").read_text())
+    (pair,) = values["paired"].values()
+    assert pair["ci95"] is None, "one run claims no significance"
+
+
+def test_report_writes_the_page_anew(race_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = race_folder / "report.html"
+    before = page.read_bytes()
+    page.unlink()
+    code, out, _ = said(capsys, "report", race_folder)
+    assert code == 0
+    assert page.read_bytes() == before
+    assert out.rstrip().endswith(f"report: {page}")
+
+
+def test_collect_to_targets(
+    collect_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "hybrid.npz"
+    code, text, _ = said(capsys, "targets", collect_folder, "--out", out, "--json")
+    assert code == 0
+    assert json.loads(text)["poses"] == 11
+    assert out.is_file()
+
+
+def test_collecting_stays_on_the_training_worlds(collect_folder: Path) -> None:
+    assert "split=train" in open_recording(collect_folder).header.cameras
