@@ -27,9 +27,19 @@ from rig.core.types import Settings
 from rig.core.units import US_PER_S, gain_factor
 
 NORMAL_LEVELS = 1 << 16
-LEAST_SKEW_CORRECTED_E = 12.0
-"""Below this mean, Poisson counts are drawn exactly; above it the Cornish-Fisher expansion of the
-Poisson quantile is right to a few thousandths of an electron."""
+PATTERN_STEPS = 32
+"""Steps of the fixed pattern per standard deviation."""
+
+FEW_E = 4.0
+"""Mean counts below this are drawn from the exact Poisson distribution."""
+
+NEVER = np.float32(3e-8)
+"""A count less probable than this, half a step of the uniform numbers, does not happen."""
+
+TO_UNIT = np.float32(2.0**-24)
+
+Row = NDArray[np.float32]
+Bits = NDArray[np.uint32]
 
 
 class Sensor:
@@ -42,10 +52,8 @@ class Sensor:
         """
         self._model = model
         rng = np.random.default_rng(seed)
-        unit = rng.standard_normal(shape, dtype=np.float32)
-        self._sensitivity = 1 + np.float32(model.pixel.prnu) * unit
-        unit = rng.standard_normal(shape, dtype=np.float32)
-        self._offset_e = np.float32(model.pixel.dsnu_e) * unit
+        self._sensitivity = _fixed_pattern(rng, shape)
+        self._offset = _fixed_pattern(rng, shape)
         levels = (1 << model.converter.bits) - 1
         self._raw = np.arange(levels + 1, dtype=np.uint16)
         self._eight_bit = response_table(model.response, levels + 1)
@@ -91,7 +99,9 @@ class Sensor:
         _expose(
             np.ascontiguousarray(radiance_cd_m2, np.float32),
             self._sensitivity,
-            self._offset_e,
+            self._offset,
+            np.float32(pixel.prnu / PATTERN_STEPS),
+            np.float32(pixel.dsnu_e / PATTERN_STEPS),
             np.float32(self.electrons_per_cd_m2_s * exposure_s),
             np.float32(pixel.dark_current_e_per_s * exposure_s),
             np.float32(pixel.full_well_e),
@@ -120,6 +130,12 @@ def response_table(response: Response, levels: int) -> NDArray[np.uint8]:
     return np.rint(255 * curve).astype(np.uint8)
 
 
+def _fixed_pattern(rng: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.int8]:
+    """Return normal deviates in steps of 1/PATTERN_STEPS: four times less memory to read."""
+    deviates = PATTERN_STEPS * rng.standard_normal(shape, dtype=np.float32)
+    return np.clip(np.rint(deviates), -127, 127).astype(np.int8)
+
+
 @cache
 def _normal_quantiles() -> NDArray[np.float32]:
     """Return the standard normal at the middles of NORMAL_LEVELS equal shares, variance 1."""
@@ -130,7 +146,7 @@ def _normal_quantiles() -> NDArray[np.float32]:
     return np.asarray(z / z.std(), np.float32)
 
 
-@nb.njit(inline="always")
+@nb.njit(inline="always", error_model="numpy")
 def _row_key(noise_seed: np.uint64, row: int) -> np.uint64:
     """Return 64 well-stirred bits for one row of one frame (splitmix64)."""
     key = noise_seed + np.uint64(row + 1) * np.uint64(0x9E3779B97F4A7C15)
@@ -139,7 +155,7 @@ def _row_key(noise_seed: np.uint64, row: int) -> np.uint64:
     return key ^ (key >> np.uint64(31))
 
 
-@nb.njit(inline="always")
+@nb.njit(inline="always", error_model="numpy")
 def _random_bits(column: int, low: np.uint32, high: np.uint32) -> np.uint32:
     """Return the 32 random bits of a pixel: a hash of its column under both halves of its key."""
     x = np.uint32(np.uint32(column) ^ low)
@@ -149,33 +165,76 @@ def _random_bits(column: int, low: np.uint32, high: np.uint32) -> np.uint32:
     return np.uint32(x ^ (x >> np.uint32(16)))
 
 
-@nb.njit(inline="always")
-def _large_count_e(mean_e: np.float32, z: np.float32) -> np.float32:
-    """Return the Poisson quantile of normal quantile `z` (Cornish-Fisher, on whole numbers)."""
-    deviation_e = np.float32(math.sqrt(mean_e))
-    skew = (z * z + np.float32(2)) * np.float32(1 / 6)
-    tail = (z * z + np.float32(2)) * z * np.float32(1 / 72) / deviation_e
-    return np.float32(math.floor(mean_e + deviation_e * z + skew - tail))
+@nb.njit(error_model="numpy")
+def _count_photons(mean_e: Row, z: Row, count_e: Row) -> None:
+    """Draw Poisson counts by the Cornish-Fisher quantile on whole numbers, for large means.
+
+    The third-order expansion with the lattice correction; at a mean of FEW_E its distribution
+    function is right to 0.0011, its mean and variance to 0.0004.
+    """
+    for column in range(mean_e.size):
+        mean = mean_e[column] if mean_e[column] > np.float32(FEW_E) else np.float32(FEW_E)
+        normal = z[column]
+        deviation = np.sqrt(mean)
+        curve = normal * normal + np.float32(2)
+        skew = curve * np.float32(1 / 6)
+        tail = curve * normal * np.float32(1 / 72) / deviation
+        count = np.floor(mean + deviation * normal + skew - tail)
+        count_e[column] = count if count > np.float32(0) else np.float32(0)
 
 
-@nb.njit(inline="always")
-def _small_count_e(mean_e: np.float32, bits: np.uint32) -> np.float32:
-    """Return a Poisson count by inversion of a uniform number made of 32 `bits`."""
-    left = (float(bits) + 0.5) / 4294967296.0
-    probability = math.exp(-float(mean_e))
-    count = 0
-    while left > probability and count < 100:
-        left -= probability
-        count += 1
-        probability *= float(mean_e) / count
-    return np.float32(count)
+@nb.njit(error_model="numpy")
+def _count_few_photons(mean_e: Row, bits: Bits, count_e: Row) -> None:
+    """Redraw, by inversion of the exact distribution, the counts whose mean is below FEW_E.
+
+    All pixels of a row step through the counts together, so that the processor's vector units can
+    be used; `count_e` of larger means is left as it is.
+    """
+    width = mean_e.size
+    mean = np.empty(width, np.float32)
+    left = np.empty(width, np.float32)
+    probability = np.empty(width, np.float32)
+    drawn = np.zeros(width, np.float32)
+    largest_in_64ths = np.int32(0)
+    for column in range(width):
+        few = mean_e[column] < np.float32(FEW_E)
+        mean[column] = mean_e[column] if few else np.float32(0)
+        uniform = (np.float32(np.int32(bits[column] >> np.uint32(8))) + np.float32(0.5)) * TO_UNIT
+        probability[column] = _exp_of_minus(mean[column])
+        left[column] = uniform - probability[column]
+        largest_in_64ths = max(largest_in_64ths, np.int32(mean[column] * np.float32(64)))
+    largest = (largest_in_64ths + 1) / 64
+    for count in range(1, int(largest + 5 * math.sqrt(largest)) + 5):
+        inverse = np.float32(1 / count)
+        for column in range(width):
+            happened = (left[column] > np.float32(0)) & (probability[column] > NEVER)
+            drawn[column] += np.float32(1) if happened else np.float32(0)
+            probability[column] *= mean[column] * inverse
+            left[column] -= probability[column]
+    for column in range(width):
+        few = mean_e[column] < np.float32(FEW_E)
+        count_e[column] = drawn[column] if few else count_e[column]
 
 
-@nb.njit(parallel=True, cache=True)
+@nb.njit(inline="always", error_model="numpy")
+def _exp_of_minus(x: np.float32) -> np.float32:
+    """Return exp(-x) for 0 <= x <= FEW_E to 2e-6: a Taylor series at x/64, squared six times."""
+    y = x * np.float32(-1 / 64)
+    series = np.float32(1 / 24) + y * np.float32(1 / 120)
+    series = np.float32(0.5) + y * (np.float32(1 / 6) + y * series)
+    result = np.float32(1) + y * (np.float32(1) + y * series)
+    for _ in range(6):
+        result *= result
+    return result
+
+
+@nb.njit(parallel=True, cache=True, error_model="numpy")
 def _expose(  # type: ignore[no-untyped-def]
     radiance,
     sensitivity,
-    offset_e,
+    offset,
+    prnu_step,
+    dsnu_step_e,
     e_per_radiance,
     dark_e,
     full_well_e,
@@ -194,24 +253,34 @@ def _expose(  # type: ignore[no-untyped-def]
     for row in nb.prange(height):
         key = _row_key(noise_seed, row)
         low, high = np.uint32(key), np.uint32(key >> np.uint64(32))
-        photo_e = np.empty(width, np.float32)
+        few = np.int32(0)
+        mean_e = np.empty(width, np.float32)
         bits = np.empty(width, np.uint32)
-        few = False
         for column in range(width):
-            mean_e = radiance[row, column] * e_per_radiance * sensitivity[row, column] + dark_e
-            mean_e = min(max(mean_e, np.float32(1e-6)), enough_e)
+            response = np.float32(1) + prnu_step * np.float32(sensitivity[row, column])
+            mean = radiance[row, column] * e_per_radiance * response + dark_e
+            mean = mean if mean > np.float32(0) else np.float32(0)
+            mean_e[column] = mean if mean < enough_e else enough_e
+            few += np.int32(mean < np.float32(FEW_E))
             bits[column] = _random_bits(column, low, high)
-            z = normal[bits[column] & np.uint32(0xFFFF)]
-            few |= mean_e < LEAST_SKEW_CORRECTED_E
-            photo_e[column] = _large_count_e(mean_e, z)
-        if few:
-            for column in range(width):
-                mean_e = radiance[row, column] * e_per_radiance * sensitivity[row, column] + dark_e
-                if mean_e < LEAST_SKEW_CORRECTED_E:
-                    fresh = _random_bits(column, high, low)
-                    photo_e[column] = _small_count_e(max(mean_e, np.float32(0)), fresh)
+        shot_z = np.empty(width, np.float32)
+        read_z = np.empty(width, np.float32)
         for column in range(width):
-            collected_e = min(photo_e[column] + offset_e[row, column], full_well_e)
-            z = normal[bits[column] >> np.uint32(16)]
-            dn = (collected_e + read_noise_e * z) * dn_per_e + black_level_dn + np.float32(0.5)
-            picture[row, column] = table[int(min(max(dn, np.float32(0)), top))]
+            shot_z[column] = normal[bits[column] & np.uint32(0xFFFF)]
+            read_z[column] = normal[bits[column] >> np.uint32(16)]
+        count_e = np.empty(width, np.float32)
+        _count_photons(mean_e, shot_z, count_e)
+        if few > 0:
+            for column in range(width):
+                bits[column] = _random_bits(column, high, low)
+            _count_few_photons(mean_e, bits, count_e)
+        level = np.empty(width, np.int32)
+        for column in range(width):
+            collected_e = count_e[column] + dsnu_step_e * np.float32(offset[row, column])
+            collected_e = collected_e if collected_e < full_well_e else full_well_e
+            dn = (collected_e + read_noise_e * read_z[column]) * dn_per_e + black_level_dn
+            dn += np.float32(0.5)
+            dn = dn if dn > np.float32(0) else np.float32(0)
+            level[column] = np.int32(dn if dn < top else top)
+        for column in range(width):
+            picture[row, column] = table[np.uint32(level[column])]

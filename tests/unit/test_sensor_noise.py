@@ -10,7 +10,7 @@ import pytest
 from rig.config import CameraModel, load_camera_model
 from rig.core.types import Settings
 from rig.core.units import gain_factor
-from rig.drivers.sensor.sensor import LEAST_SKEW_CORRECTED_E, Sensor
+from rig.drivers.sensor.sensor import FEW_E, Sensor
 
 SHAPE = (240, 320)
 MODEL = load_camera_model("blackfly-s-u3-31s4")
@@ -127,9 +127,7 @@ def test_the_fixed_pattern_is_prnu_and_dsnu() -> None:
     assert prnu == pytest.approx(MODEL.pixel.prnu, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    "mean_e", [0.02, 0.5, 3.0, 0.99 * LEAST_SKEW_CORRECTED_E, 1.01 * LEAST_SKEW_CORRECTED_E, 60.0]
-)
+@pytest.mark.parametrize("mean_e", [0.02, 0.5, 3.0, 0.99 * FEW_E, 1.01 * FEW_E, 60.0])
 def test_counts_are_poisson_distributed(mean_e: float) -> None:
     """A noiseless converter of one electron per step shows the counts themselves."""
     pixel = msgspec.structs.replace(
