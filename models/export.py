@@ -218,5 +218,6 @@ def _require_proof(parity: Parity, out: Path) -> None:
     if not parity.spread >= SMALLEST_SPREAD:
         raise ModelError(
             f"{out}: the network answers nearly the same to every picture (range "
-            f"{parity.spread:.2g} of the limits); train it longer or on more varied recordings"
+            f"{parity.spread:.2g} of the limits) and was not written; give more --epochs, training "
+            "goes on from its checkpoint, or more varied recordings"
         )
