@@ -18,6 +18,8 @@ from rig.vision.bayer import NETWORK_PX, to_rgb224
 
 SCHEMA = "rig.network/1"
 FRAMES = 3
+_GREY = Frame(np.full((448, 448), 128, np.uint8), "bayer_rggb8", 0, 0, 0, Auto().start)
+
 _SHAPES = {
     "images": (3 * FRAMES, NETWORK_PX, NETWORK_PX),
     "settings": (2 * FRAMES,),
@@ -49,7 +51,7 @@ class NetworkController:
         self._model_limits = _check(self.model, self._session)
         self._limits = self._model_limits
         self._forget()
-        self._images[:], self._settings[:] = 0.5, 0.5
+        self._remember(_GREY)
         if not np.isfinite(self._run()).all():
             raise ModelError(f"{self.model}: answers a grey picture with {self._answer.tolist()}")
 

@@ -1,8 +1,8 @@
 """Noise-aware exposure control by searching the settings themselves (Shin et al. 2019).
 
 Every frame is one evaluation of the metric. A search starts around the settings of a frame, ends
-after at most 50 evaluations, and its best settings hold until the metric of a frame leaves the best
-by more than the tolerance (thesis 5.2.1, "convergence criterion").
+after at most 50 evaluations, and its best settings hold until the metric of a frame leaves the
+best by more than the tolerance (thesis 5.2.1, "convergence criterion").
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ from rig.vision.metrics import SHIN_VARIANTS, ShinScore, mean_dn, shin
 TOLERANCES: Mapping[str, float] = {"low": 0.02, "mid": 0.05, "high": 0.15}
 """How far the metric may leave the best before a new search; the authors published no numbers."""
 
-COST_SPREAD = 1e-5
-EVALUATIONS_MAX = 50
 UNUSABLE_COST = 1e10
 """What settings outside the limits, and frames without gradients, cost."""
 
@@ -48,13 +46,16 @@ SAMPLES_ACROSS = 400
 class ShinController:
     """Maximises the metric `variant` by Nelder-Mead, one frame an evaluation.
 
-    `tolerance` is low, mid, high or a number > 0; `variant` a key of SHIN_VARIANTS. A frame without
-    gradients has no metric: until one has, the mean is steered to mid-grey. Raises ValueError
-    for another tolerance or variant.
+    `tolerance` is low, mid, high or a number > 0; `variant` a key of SHIN_VARIANTS. A search ends
+    when the metrics of its simplex differ by at most `cost_spread`, or after `evaluations_max`.
+    A frame without gradients has no metric: until one has, the mean is steered to mid-grey.
+    Raises ValueError for an option out of range.
     """
 
     tolerance: str = "mid"
     variant: str = "authors"
+    cost_spread: float = 1e-5
+    evaluations_max: int = 50
     _tolerance: float = field(init=False)
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)
@@ -74,7 +75,12 @@ class ShinController:
             raise ValueError(
                 f"variant {self.variant!r} is unknown; {hint}known: {', '.join(SHIN_VARIANTS)}"
             )
+        if not self.cost_spread >= 0:
+            raise ValueError(f"cost_spread must be >= 0, got {self.cost_spread!r}")
+        if self.evaluations_max < 3:
+            raise ValueError(f"evaluations_max must be >= 3, got {self.evaluations_max!r}")
         self._command = Auto().start
+        shin(np.zeros((32, 32, 3), np.uint8), self.variant)  # compiled before the first frame
 
     def reset(self, limits: Limits) -> Command:
         """Forget the search and return the first settings: 1 ms and 0 dB, inside `limits`."""
@@ -121,7 +127,7 @@ class ShinController:
     def _start_search(self, frame: Frame, score: ShinScore) -> Command:
         """Begin around the frame's settings, which are the first evaluation."""
         simplex = initial_simplex(frame.used, mean_dn(frame.image), self._limits)
-        search = nelder_mead(simplex, point_spread=math.inf, cost_spread=COST_SPREAD)
+        search = nelder_mead(simplex, point_spread=math.inf, cost_spread=self.cost_spread)
         next(search)
         self._search, self._best = search, None
         self._evaluations, self._searches = 0, self._searches + 1
@@ -141,7 +147,7 @@ class ShinController:
         Points outside the limits cost an evaluation but no frame.
         """
         self._waited_frames = 0
-        while self._evaluations < EVALUATIONS_MAX:
+        while self._evaluations < self.evaluations_max:
             self._evaluations += 1
             if self._best is None or evaluation.cost < self._best.cost:
                 self._best = evaluation

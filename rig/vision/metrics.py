@@ -32,7 +32,7 @@ def mean_dn(image: NDArray[np.uint8]) -> float:
 
 def entropy_bits(grey: NDArray[np.uint8]) -> float:
     """Return the Shannon entropy of the grey levels, 0..8 bits (thesis eq. 3.1, one channel)."""
-    counts = np.bincount(grey.ravel(), minlength=256)
+    counts = _histogram(grey)
     shares = counts[counts > 0] / grey.size
     return float(-(shares * np.log2(shares)).sum()) + 0.0
 
@@ -151,6 +151,16 @@ def _cell_means(values: NDArray[np.float32], cells: int) -> NDArray[np.float64]:
     by_row = np.add.reduceat(values, rows[:-1], axis=0, dtype=np.float64)
     sums = np.add.reduceat(by_row, columns[:-1], axis=1)
     return np.asarray(sums / np.outer(np.diff(rows), np.diff(columns)))
+
+
+@njit(cache=True, nogil=True)
+def _histogram(grey: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the number of pixels of each of the 256 grey levels."""
+    counts = np.zeros(256, np.int64)
+    for row in range(grey.shape[0]):
+        for column in range(grey.shape[1]):
+            counts[grey[row, column]] += 1
+    return counts
 
 
 @njit(cache=True, nogil=True)
