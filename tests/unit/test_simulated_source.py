@@ -1,0 +1,91 @@
+"""The simulated pair as the loop sees it: pace, scene time, noise and losses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plane_scene import PlaneScene
+
+from rig.config import load_camera_model
+from rig.core.types import Frame, Lost, Pair, Settings
+from rig.drivers.simulated.camera import SimulatedCamera
+from rig.drivers.simulated.source import Drive, SimulatedSource, simulate
+from rig.pair import CameraPair, PairShot
+
+DRIVE = Drive(load_camera_model("blackfly-s-u3-31s4"), noise_seed=0)
+
+
+def open_plane(**changes: object) -> SimulatedSource:
+    return simulate(PlaneScene(20.0), replace(DRIVE, **changes), "sim:plane")
+
+
+def frames(shot: PairShot) -> Pair[Frame]:
+    primary, secondary = shot.frames
+    assert isinstance(primary, Frame) and isinstance(secondary, Frame)
+    return Pair(primary, secondary)
+
+
+def test_a_pair_is_complete_and_paced_at_its_rate() -> None:
+    pair = CameraPair(open_plane(rate_hz=8.0))
+    shots = [pair.shoot() for _ in range(4)]
+    assert all(shot.cause == "" and shot.offset_ns == 8_000 for shot in shots)
+    starts_ns = [frames(shot).primary.device_time_ns for shot in shots]
+    assert np.diff(starts_ns).tolist() == [125_000_000] * 3
+
+
+def test_exposures_too_long_for_the_rate_slow_the_pair_down() -> None:
+    pair = CameraPair(open_plane())
+    pair.apply(Pair(Settings(200_000.0, 0.0), Settings(100.0, 0.0)))
+    starts_ns = [frames(pair.shoot()).primary.device_time_ns for _ in range(3)]
+    assert min(np.diff(starts_ns)) > 200_000_000
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, None])
+def test_decisions_cost_time_only_when_told(rate_hz: float | None) -> None:
+    prompt, slow = (
+        CameraPair(open_plane(rate_hz=rate_hz, decision_ms=cost_ms)) for cost_ms in (0.0, 150.0)
+    )
+    spans_ms = []
+    for pair in (prompt, slow):
+        starts_ns = [frames(pair.shoot()).primary.device_time_ns for _ in range(3)]
+        spans_ms.append((starts_ns[2] - starts_ns[0]) / 2e6)
+    assert spans_ms[0] <= 100.0
+    assert spans_ms[1] >= 150.0
+
+
+def test_pace_and_thinking_time_change_no_picture() -> None:
+    """`max` sees the scene at tenths of a second, like 10 Hz, however long decisions take."""
+    pairs = [
+        CameraPair(open_plane(rate_hz=rate_hz, decision_ms=cost_ms))
+        for rate_hz, cost_ms in ((10.0, 0.0), (None, 0.0), (10.0, 250.0))
+    ]
+    for _ in range(3):
+        first, *others = [frames(pair.shoot()) for pair in pairs]
+        for other in others:
+            assert np.array_equal(first.primary.image, other.primary.image)
+            assert np.array_equal(first.secondary.image, other.secondary.image)
+
+
+def test_the_scene_moves_by_the_rate() -> None:
+    source = open_plane(rate_hz=4.0)
+    assert source.drive_triggers == 12
+    assert source.truth(6).position_m[0] == pytest.approx(20.0 * 6 / 4.0)
+
+
+def test_an_edge_that_the_secondary_misses_is_a_loss_with_its_cause() -> None:
+    source = open_plane(rate_hz=None)
+    pair = CameraPair(source)
+    frames(pair.shoot())
+    secondary = source.cameras.secondary
+    assert isinstance(secondary, SimulatedCamera)
+    secondary.apply(Settings(200_000.0, 0.0))
+    source.cameras.primary.trigger()
+    source.cameras.primary.grab(1.0)
+    pair.triggers += 1
+    shot = pair.shoot()
+    assert isinstance(shot.frames.primary, Frame)
+    assert shot.frames.secondary == Lost(2, "secondary: trigger ignored during exposure")
+    assert secondary.ignored_triggers == 1
+    assert frames(pair.shoot()).secondary.sequence == 3
