@@ -14,6 +14,7 @@ from rig.core.types import Pair
 from rig.evaluation.report import write_report
 from rig.evaluation.report.page import render
 from rig.evaluation.report.verdict import verdict
+from rig.evaluation.report.wording import labels, number, significant
 from rig.evaluation.summary import summarise
 
 
@@ -111,8 +112,8 @@ def test_pictures_are_shown_at_the_worst_and_the_median_moments(
     counted = [c for c in counts[10:] if c == c]
     worst = next(t for t in range(10, 40) if counts[t] == min(counted))
     assert f"pair {worst}</span>" in text
-    assert "ours (left) at its worst" in text
-    assert "aeag (right) at its median" in text
+    assert "ours at its worst" in text
+    assert "aeag at its median" in text
     images = [a for tag, a in Tags(text).tags if tag == "img"]
     assert 4 <= len(images) <= 8
     assert all((image["src"] or "").startswith("data:image/webp;base64,") for image in images)
@@ -144,3 +145,40 @@ def test_the_file_is_small_and_the_same_every_time(tmp_path: Path) -> None:
         write_report(tmp_path / name, run, summary)
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
     assert (tmp_path / "a.html").stat().st_size < 3_000_000
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "expected"),
+    [
+        ("ours", "fixed:exposure_us=700,gain_db=0", ("ours", "fixed")),
+        ("shin:tolerance=mid", "shin:tolerance=low", ("shin:tolerance=mid", "shin:tolerance=low")),
+        ("fixed:gain_db=0", "fixed:gain_db=0", ("fixed (left)", "fixed (right)")),
+    ],
+)
+def test_labels_are_as_short_as_tells_two_controllers_apart(
+    left: str, right: str, expected: tuple[str, str]
+) -> None:
+    assert labels(left, right) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "places", "expected"),
+    [
+        (1181.0, None, "1\u202f181"),
+        (1181.5, None, "1\u202f181.5"),
+        (-3.25, 1, "\u22123.2"),
+        (None, 0, "–"),
+        (float("nan"), None, "–"),
+    ],
+)
+def test_numbers_as_they_are_written(
+    value: float | None, places: int | None, expected: str
+) -> None:
+    assert number(value, places) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [(0.00485, "0.00485"), (7.4, "7.40"), (1234.5, "1\u202f234"), (0, "0")]
+)
+def test_three_significant_digits_for_what_spans_decades(value: float, expected: str) -> None:
+    assert f">{expected}<" in significant(value)

@@ -10,7 +10,8 @@
 
   const number = (value) => {
     if (value === null || value === undefined) return "–";
-    const digits = Math.abs(value) >= 100 ? 0 : Math.abs(value) >= 10 ? 1 : 2;
+    const digits = Math.abs(value) >= 100 ? 0 : value === 0 ? 0
+      : Math.min(2 - Math.floor(Math.log10(Math.abs(value))), 6);
     return value.toLocaleString("en", { maximumFractionDigits: digits }).replaceAll(",", "\u202f");
   };
 
@@ -19,6 +20,16 @@
     if (className) node.className = className;
     if (text) node.textContent = text;
     return node;
+  };
+
+  // Round values for a logarithmic axis: 1, 2, 5 a decade, fewer where there are many decades.
+  const roundValues = (_, axis, min, max) => {
+    const decades = Math.log10(max / min);
+    const steps = decades < 2 ? [1, 2, 5] : decades < 3.2 ? [1, 3] : [1];
+    const values = [];
+    for (let power = Math.floor(Math.log10(min)); power <= Math.ceil(Math.log10(max)); power++)
+      for (const step of steps) values.push(Number(`${step}e${power}`));
+    return values.filter((value) => value >= min && value <= max);
   };
 
   const shade = (u) => {
@@ -94,9 +105,10 @@
         y: chart.log ? { distr: 3, range: (_, min, max) => [min / 1.25, max * 1.25] } : { range: { min: { pad: 0.05, soft: 0, mode: 1 },
           max: { pad: 0.08, soft: 1, mode: 2 } } } },
       axes: [
-        { ...axis, size: last ? 40 : 24, label: last ? "pair" : undefined, labelSize: 16,
-          labelFont: "11.5px system-ui, sans-serif", gap: 4 },
+        { ...axis, size: 24, label: last ? "pair" : undefined, labelSize: 14,
+          labelGap: 0, labelFont: "11.5px system-ui, sans-serif", gap: 4 },
         { ...axis, size: 52, gap: 6, space: chart.tall ? 36 : 26,
+          ...(chart.log ? { splits: roundValues, filter: (_, splits) => splits } : {}),
           values: (_, splits) => splits.map((v) => (v === null ? "" : number(v))) },
       ],
       series: [{}, ...chart.curves.map((curve) => ({

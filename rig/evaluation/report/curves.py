@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.evaluation.report.wording import FRONT_END_NAMES
+from rig.evaluation.report.wording import FRONT_END_NAMES, labels
 from rig.evaluation.series import Column
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS
 from rig.evaluation.summary import Summary
@@ -61,6 +61,7 @@ def _chart(
     log: bool = False,
     threshold: int | None = None,
 ) -> dict[str, Any]:
+    names = labels(summary.left.controller, summary.right.controller)
     return {
         "title": title,
         "unit": unit,
@@ -68,8 +69,8 @@ def _chart(
         "tall": threshold is not None,
         "threshold": threshold,
         "curves": [
-            {"side": "left", "name": summary.left.controller, "values": _plain(left, log=log)},
-            {"side": "right", "name": summary.right.controller, "values": _plain(right, log=log)},
+            {"side": "left", "name": names[0], "values": _plain(left, log=log)},
+            {"side": "right", "name": names[1], "values": _plain(right, log=log)},
         ],
     }
 

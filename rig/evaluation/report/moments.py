@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rig.core.types import PairRecord
 from rig.evaluation.inliers import Matches, arrived, grey_of
+from rig.evaluation.report.wording import labels
 from rig.evaluation.statistics import counted
 from rig.evaluation.summary import Summary
 from rig.vision.bayer import to_bgr
@@ -32,7 +33,6 @@ class Picture:
     """
 
     side: str
-    controller: str
     data_uri: str
     width_px: int
     height_px: int
@@ -76,10 +76,8 @@ def chosen(summary: Summary) -> Mapping[int, list[str]]:
     """Return the triggers to show and their titles: worst and median ORB inliers of each side."""
     titles: dict[int, list[str]] = {}
     trigger = summary.series.trigger
-    for side, controller in (
-        ("left", summary.left.controller),
-        ("right", summary.right.controller),
-    ):
+    names = labels(summary.left.controller, summary.right.controller)
+    for side, name in zip(("left", "right"), names, strict=True):
         counts = summary.camera(side).inliers["orb"]
         kept = counted(trigger, counts)
         if kept.size == 0:
@@ -87,8 +85,8 @@ def chosen(summary: Summary) -> Mapping[int, list[str]]:
         where = counted(trigger, np.where(np.isnan(counts), np.nan, trigger)).astype(int)
         worst = where[np.argmin(kept)]
         middle = where[np.argmin(np.abs(kept - np.median(kept)))]
-        titles.setdefault(int(worst), []).append(f"{controller} ({side}) at its worst")
-        titles.setdefault(int(middle), []).append(f"{controller} ({side}) at its median")
+        titles.setdefault(int(worst), []).append(f"{name} at its worst")
+        titles.setdefault(int(middle), []).append(f"{name} at its median")
     return titles
 
 
@@ -109,7 +107,6 @@ def _picture(summary: Summary, side: str, before: PairRecord, record: PairRecord
     flow, points = _paths(matches)
     return Picture(
         side=side,
-        controller=getattr(summary, side).controller,
         data_uri=_data_uri(to_bgr(frame.image, frame.pixel_format)),
         width_px=width_px,
         height_px=height_px,

@@ -13,7 +13,7 @@ from rig.evaluation.report.curves import curves
 from rig.evaluation.report.moments import MOST_LINES, moments
 from rig.evaluation.report.scatter import scatter
 from rig.evaluation.report.verdict import verdict
-from rig.evaluation.report.wording import FRONT_END_NAMES, data
+from rig.evaluation.report.wording import FRONT_END_NAMES, data, labels, options, significant
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, counted, spread
 from rig.evaluation.summary import Recorded, Summary
 
@@ -38,7 +38,7 @@ def render(recording: Recorded, summary: Summary) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["value"] = data
+    environment.filters |= {"value": data, "significant": significant, "options": options}
     return environment.get_template("template.html").render(_context(recording, summary))
 
 
@@ -46,6 +46,7 @@ def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
     header, series = summary.header, summary.series
     shown = moments(summary, recording.records())
     drawn = curves(summary)
+    names = labels(summary.left.controller, summary.right.controller)
     offsets = series.offset_us[~np.isnan(series.offset_us)]
     right_side = summary.wired("right")
     return {
@@ -56,6 +57,7 @@ def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
         "left": summary.left,
         "right": summary.right,
         "sides": [("left", summary.left), ("right", summary.right)],
+        "labels": dict(zip(("left", "right"), names, strict=True)),
         "left_side": summary.left_side,
         "right_side": right_side,
         "left_serial": getattr(header.serials, summary.left_side),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.evaluation.report.wording import number
+from rig.evaluation.report.wording import labels, number
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, InlierStatistics
 from rig.evaluation.summary import Summary
 
@@ -19,13 +19,14 @@ def verdict(summary: Summary) -> str:
             f"Nothing was counted: the first {WARM_UP_PAIRS} pairs are warm-up, and no two "
             f"neighbouring complete pairs follow them in these {len(summary.series)}."
         )
+    left_label, right_label = labels(left.controller, right.controller)
+    inliers = _inliers(left_label, a, right_label, b)
     if left.controller == right.controller:
         return (
-            f"Control run: {left.controller} drove both cameras. "
-            f"{_inliers('the left', a, 'the right', b)} "
+            f"Control run: {left.controller} drove both cameras. {inliers} "
             "What differs is the cameras' doing, not the controller's."
         )
-    return f"On this drive {_inliers(left.controller, a, right.controller, b)}"
+    return f"On this drive {inliers}"
 
 
 def _inliers(left: str, a: InlierStatistics, right: str, b: InlierStatistics) -> str:
@@ -33,8 +34,8 @@ def _inliers(left: str, a: InlierStatistics, right: str, b: InlierStatistics) ->
     assert b.median is not None
     times = f" ({a.median / b.median:.2f} ×)" if b.median > 0 else ""
     return (
-        f"{left} had a median of {number(a.median)} ORB inliers and {right} "
-        f"{number(b.median)}{times}; at worst they had {number(a.min)} and {number(b.min)}. "
+        f"{left} had a median of {number(a.median)} ORB inliers against {number(b.median)} for "
+        f"{right}{times}, and at worst {number(a.min)} against {number(b.min)}. "
         f"{_blindness(left, a, right, b)}"
     )
 
@@ -43,4 +44,4 @@ def _blindness(left: str, a: InlierStatistics, right: str, b: InlierStatistics) 
     limit = f"fewer than {BLIND_BELOW['orb']} inliers"
     if a.blind_frames == b.blind_frames == 0:
         return f"Neither was ever blind ({limit})."
-    return f"Blind ({limit}): {left} {a.blind_frames} times, {right} {b.blind_frames} times."
+    return f"Blind ({limit}): {left} in {a.blind_frames} pictures, {right} in {b.blind_frames}."
