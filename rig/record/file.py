@@ -13,7 +13,24 @@ from rig.record.cdr import Buffer
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _WINDOW_BYTES = 32 << 20
 _SYNC_EVERY_S = 1.0
+_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD, _M_TOP_PAD = -3, -1, -2
+_MALLOC_OPTIONS = (
+    (_M_MMAP_THRESHOLD, 32 << 20),
+    (_M_TRIM_THRESHOLD, 256 << 20),
+    (_M_TOP_PAD, 64 << 20),
+)
 _WRITE, _WAIT_WRITE_WAIT = 2, 1 | 2 | 4
+
+
+def keep_picture_buffers() -> None:
+    """Let glibc reuse memory of picture size instead of asking the kernel for each one.
+
+    Blocks of some megabytes are otherwise mapped, zeroed and unmapped for every picture, which
+    costs a recorder more than everything else it does. Holds for the whole process.
+    """
+    mallopt = ctypes.CDLL(None).mallopt
+    for parameter, size in _MALLOC_OPTIONS:
+        mallopt(parameter, size)
 
 
 def reserve_path(path: Path) -> Path:

@@ -36,7 +36,7 @@ class RunHeader:
 
 
 def to_metadata(header: RunHeader) -> dict[str, dict[str, str]]:
-    """Return the MCAP metadata records of a header, by name."""
+    """Return the MCAP metadata records of a header, by name; with the last one it is whole."""
     run = {
         "schema": SCHEMA,
         "command": header.command,
@@ -55,7 +55,7 @@ def to_metadata(header: RunHeader) -> dict[str, dict[str, str]]:
             SIDES, header.serials, header.controllers, header.intrinsics, strict=True
         )
     }
-    return {RUN: run, **cameras, VERSIONS: dict(header.versions), MODELS: dict(header.models)}
+    return {**cameras, VERSIONS: dict(header.versions), MODELS: dict(header.models), RUN: run}
 
 
 def to_attachments(header: RunHeader) -> dict[str, bytes]:

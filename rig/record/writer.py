@@ -11,6 +11,7 @@ from typing import Self
 from rig.core.errors import RecordingError, RigError
 from rig.core.types import Frame, Lost, Pair, PairRecord
 from rig.record import bag
+from rig.record.file import keep_picture_buffers
 from rig.record.header import RunHeader
 from rig.record.recover import recover
 from rig.record.sink import Sink
@@ -60,6 +61,8 @@ class RecordWriter:
             raise RecordingError(
                 f"cannot create {self.path}: {error.strerror}; name another folder with --out"
             ) from error
+        if self._real_time:
+            keep_picture_buffers()
         self._thread = threading.Thread(target=self._work, name="rig-recorder")
         self._thread.start()
         self._open = True
@@ -125,7 +128,7 @@ class RecordWriter:
             self._stop(f"cannot record trigger {record.trigger}", error)
         if self._sink.full:
             self._fail(
-                f"the disk is full after {self._sink.triggers} triggers; {self.path} is finalised "
+                f"the disk is full at trigger {record.trigger}; {self.path} is finalised "
                 "and kept; free space or name another folder with --out"
             )
 
