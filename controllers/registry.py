@@ -15,6 +15,7 @@ from rig.core.protocols import Controller
 CONTROLLERS: Mapping[str, str] = {
     "aeag": "AeagController",
     "fixed": "FixedController",
+    "mean": "MeanController",
     "network": "NetworkController",
     "shin": "ShinController",
 }

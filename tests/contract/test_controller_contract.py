@@ -102,6 +102,8 @@ def write_brightness_network(path: Path) -> Path:
 SPECS = {
     "aeag": "aeag",
     "fixed": "fixed:exposure_us=2000,gain_db=6",
+    "mean": "mean",
+    "mean-capped": "mean:percent=30,speed=0.6,exposure_us_max=4000",
     "network": "network:model={model}",
     "shin": "shin",
     "shin-cpp": "shin:variant=authors-cpp,tolerance=high",
