@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
-from rig.core.types import SIDES, PairRecord, Side
+from rig.core.types import SIDES, Pair, PairRecord, Side
 from rig.evaluation.series import FRONT_ENDS, CameraSeries, FrontEnds, RunSeries, measure
 from rig.evaluation.statistics import (
     BLIND_BELOW,
@@ -18,6 +18,11 @@ from rig.evaluation.statistics import (
     spread,
 )
 from rig.record.header import RunHeader
+
+T = TypeVar("T")
+
+RaceSide = Literal["left", "right"]
+RACE_SIDES: tuple[RaceSide, RaceSide] = ("left", "right")
 
 SCHEMA = "rig.summary/1"
 
@@ -86,11 +91,11 @@ class Summary:
         """Return the number of complete pairs: triggers less all drops."""
         return len(self.series) - sum(self.drops.values())
 
-    def camera(self, side: str) -> CameraSeries:
+    def camera(self, side: RaceSide) -> CameraSeries:
         """Return the columns of the camera that the `left` or `right` controller drove."""
-        return getattr(self.series.cameras, self.wired(side))  # type: ignore[no-any-return]
+        return at(self.series.cameras, self.wired(side))
 
-    def wired(self, side: str) -> Side:
+    def wired(self, side: RaceSide) -> Side:
         """Return which camera the `left` or `right` controller drove."""
         return self.left_side if side == "left" else other(self.left_side)
 
@@ -112,6 +117,11 @@ class Summary:
         }
 
 
+def at(pair: Pair[T], side: Side) -> T:
+    """Return the member of a pair that belongs to one camera."""
+    return pair[SIDES.index(side)]
+
+
 def other(side: Side) -> Side:
     """Return the other camera."""
     return SIDES[1 - SIDES.index(side)]
@@ -130,13 +140,13 @@ def summarise(recording: Recorded, front_ends: FrontEnds = FRONT_ENDS) -> Summar
         header=header,
         series=series,
         left_side=left_side,
-        left=_side(getattr(header.controllers, left_side), series, left_side),
-        right=_side(getattr(header.controllers, right_side), series, right_side),
+        left=_side(at(header.controllers, left_side), series, left_side),
+        right=_side(at(header.controllers, right_side), series, right_side),
     )
 
 
 def _side(controller: str, series: RunSeries, side: Side) -> SideSummary:
-    camera: CameraSeries = getattr(series.cameras, side)
+    camera = at(series.cameras, side)
     return SideSummary(
         controller=controller,
         inliers={

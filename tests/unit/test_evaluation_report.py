@@ -182,3 +182,8 @@ def test_numbers_as_they_are_written(
 )
 def test_three_significant_digits_for_what_spans_decades(value: float, expected: str) -> None:
     assert f">{expected}<" in significant(value)
+
+
+def test_a_swapped_run_tells_its_wiring() -> None:
+    text = page(SyntheticRun(triggers=14, options={"swap": "true"}))
+    assert "aeag drove the secondary camera (SIM-1), ours the primary (SIM-0)" in text

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 from synthetic_run import SyntheticRun
 
 from rig.core.types import Pair
 from rig.evaluation.summary import summarise
+from rig.record.reader import open_recording
+from rig.record.writer import RecordWriter
 
 KEYS = [
     "schema",
@@ -81,3 +84,12 @@ def test_a_run_of_warm_up_alone_counts_nothing() -> None:
     assert document["left"]["orb"]["blind_frames"] == 0
     assert document["left"]["exposure_us"] == [None, None, None]
     assert "NaN" not in json.dumps(document)
+
+
+def test_a_recording_read_back_gives_the_numbers_of_the_run_itself(tmp_path: Path) -> None:
+    run = SyntheticRun(triggers=14, lost={12: "secondary: no frame in time"})
+    with RecordWriter(tmp_path / "run", run.header, real_time=False) as writer:
+        for record in run.records():
+            writer.write(record)
+    read_back = summarise(open_recording(tmp_path / "run")).as_json()
+    assert read_back == summarise(run).as_json()

@@ -14,7 +14,7 @@ from rig.core.types import PairRecord
 from rig.evaluation.inliers import Matches, arrived, grey_of
 from rig.evaluation.report.wording import labels
 from rig.evaluation.statistics import counted
-from rig.evaluation.summary import Summary
+from rig.evaluation.summary import RACE_SIDES, RaceSide, Summary, at
 from rig.vision.bayer import to_bgr
 from rig.vision.orb import ANALYSIS_SIZE_PX, OrbFrontEnd
 
@@ -32,7 +32,7 @@ class Picture:
     ORB looked at, stretched over the picture.
     """
 
-    side: str
+    side: RaceSide
     data_uri: str
     width_px: int
     height_px: int
@@ -77,7 +77,7 @@ def chosen(summary: Summary) -> Mapping[int, list[str]]:
     titles: dict[int, list[str]] = {}
     trigger = summary.series.trigger
     names = labels(summary.left.controller, summary.right.controller)
-    for side, name in zip(("left", "right"), names, strict=True):
+    for side, name in zip(RACE_SIDES, names, strict=True):
         counts = summary.camera(side).inliers["orb"]
         kept = counted(trigger, counts)
         if kept.size == 0:
@@ -98,9 +98,9 @@ def _neighbours(records: Iterable[PairRecord]) -> Iterator[tuple[PairRecord, Pai
         before = record
 
 
-def _picture(summary: Summary, side: str, before: PairRecord, record: PairRecord) -> Picture:
+def _picture(summary: Summary, side: RaceSide, before: PairRecord, record: PairRecord) -> Picture:
     wired = summary.wired(side)
-    earlier, frame = arrived(getattr(before.shot, wired)), arrived(getattr(record.shot, wired))
+    earlier, frame = arrived(at(before.shot, wired)), arrived(at(record.shot, wired))
     orb = OrbFrontEnd()
     matches = orb.match(orb.features(grey_of(earlier)), orb.features(grey_of(frame)))
     width_px, height_px = ANALYSIS_SIZE_PX

@@ -15,7 +15,7 @@ from rig.evaluation.report.scatter import scatter
 from rig.evaluation.report.verdict import verdict
 from rig.evaluation.report.wording import FRONT_END_NAMES, data, labels, options, significant
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, counted, spread
-from rig.evaluation.summary import Recorded, Summary
+from rig.evaluation.summary import RACE_SIDES, Recorded, Summary, at
 
 HERE = Path(__file__).parent
 
@@ -53,15 +53,16 @@ def _context(recording: Recorded, summary: Summary) -> dict[str, Any]:
         "header": header,
         "simulated": "sim" in header.cameras.split("?")[0].split(":"),
         "verdict": verdict(summary),
+        "race": header.command.startswith("rig race "),
         "control": summary.left.controller == summary.right.controller,
         "left": summary.left,
         "right": summary.right,
-        "sides": [("left", summary.left), ("right", summary.right)],
-        "labels": dict(zip(("left", "right"), names, strict=True)),
+        "sides": list(zip(RACE_SIDES, (summary.left, summary.right), strict=True)),
+        "labels": dict(zip(RACE_SIDES, names, strict=True)),
         "left_side": summary.left_side,
         "right_side": right_side,
-        "left_serial": getattr(header.serials, summary.left_side),
-        "right_serial": getattr(header.serials, right_side),
+        "left_serial": at(header.serials, summary.left_side),
+        "right_serial": at(header.serials, right_side),
         "front_ends": {name: FRONT_END_NAMES[name] for name in summary.left.inliers},
         "counted": len(counted(series.trigger, summary.camera("left").inliers["orb"])),
         "warm_up": WARM_UP_PAIRS,

@@ -9,7 +9,7 @@ import numpy as np
 
 from rig.evaluation.report.wording import number
 from rig.evaluation.statistics import WARM_UP_PAIRS
-from rig.evaluation.summary import Summary
+from rig.evaluation.summary import RACE_SIDES, RaceSide, Summary
 
 MOST_DOTS = 600
 
@@ -26,7 +26,7 @@ class Tick:
 class Dot:
     """One picture's settings in SVG coordinates."""
 
-    side: str
+    side: RaceSide
     x: float
     y: float
     label: str
@@ -50,7 +50,7 @@ class Scatter:
 def scatter(summary: Summary) -> Scatter:
     """Return the plot of all counted pictures, at most MOST_DOTS a side, exposure on a log axis."""
     frame = Scatter([], [], [])
-    points = [(side, *point) for side in ("left", "right") for point in _settings(summary, side)]
+    points = [(side, *point) for side in RACE_SIDES for point in _settings(summary, side)]
     exposures = [point[2] for point in points] or [75.0, 30_000.0]
     low = math.log10(min(exposures)) - 0.08
     high = math.log10(max(exposures)) + 0.08
@@ -79,7 +79,7 @@ def scatter(summary: Summary) -> Scatter:
     )
 
 
-def _settings(summary: Summary, side: str) -> list[tuple[int, float, float]]:
+def _settings(summary: Summary, side: RaceSide) -> list[tuple[int, float, float]]:
     """Return (trigger, exposure_us, gain_db) of the counted pictures, evenly thinned."""
     camera, trigger = summary.camera(side), summary.series.trigger
     kept = np.flatnonzero((trigger >= WARM_UP_PAIRS) & ~np.isnan(camera.exposure_us))
