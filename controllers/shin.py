@@ -35,7 +35,7 @@ MIDDLE_DN = 128.0
 FLAT_FRAMES_MAX = 3
 """So many frames in a row without gradients end a search: the light has gone."""
 
-ARRIVED_RATIO, ARRIVED_DB = 0.05, 0.5
+ARRIVED_RATIO, ARRIVED_DB = 0.01, 0.1
 WAIT_FRAMES_MAX = 8
 """A frame taken with other settings than asked is waited for, but not longer than this."""
 
