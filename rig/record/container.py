@@ -41,8 +41,21 @@ RECORD_HEADER = struct.Struct("<BQ")
 _CHUNK_HEADER = struct.Struct("<QQQII")
 _MESSAGE_HEADER = struct.Struct("<HIQQ")
 _FOOTER_BYTES = RECORD_HEADER.size + 20
-_MAX_CHUNK_BYTES = 256 << 20
+_MAX_CHUNK_BYTES = 128 << 20
 _MAX_RECORD_BYTES = 64 << 20
+
+_LEAKS = (
+    McapError,
+    struct.error,
+    ValueError,
+    LookupError,
+    TypeError,
+    ArithmeticError,
+    MemoryError,
+    RecursionError,
+    AttributeError,
+)
+"""What parsing of damaged bytes may raise."""
 
 PARSERS: dict[int, Any] = {
     Opcode.HEADER: Header,
@@ -118,11 +131,7 @@ def damage(path: Path) -> Iterator[None]:
     """Turn whatever a damaged file makes the code below raise into RecordingDamaged."""
     try:
         yield
-    except (McapError, struct.error, ValueError, KeyError, IndexError, TypeError) as error:
-        raise RecordingDamaged(
-            f"{path} is damaged: {_said(error)}; try: rig recover {path}"
-        ) from error
-    except (OverflowError, MemoryError, RecursionError, AttributeError) as error:
+    except _LEAKS as error:
         raise RecordingDamaged(
             f"{path} is damaged: {_said(error)}; try: rig recover {path}"
         ) from error
@@ -272,24 +281,31 @@ def read_chunk(body: bytearray) -> Chunk:
 
 
 def inflate(data: memoryview, compression: str, size: int) -> memoryview:
-    """Return a chunk's data decompressed, never allocating more than the cap."""
-    if compression == "":
-        plain = data
-    elif size > _MAX_CHUNK_BYTES:
+    """Return a chunk's data decompressed to `size` bytes; raises ValueError, not MemoryError."""
+    if size > _MAX_CHUNK_BYTES:
         raise ValueError(f"a chunk of {size} bytes is over {_MAX_CHUNK_BYTES}")
-    elif compression == "zstd":
-        import zstandard
-
-        plain = memoryview(zstandard.ZstdDecompressor().stream_reader(data).read(size + 1))
-    elif compression == "lz4":
-        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-
-        plain = memoryview(LZ4FrameDecompressor().decompress(bytes(data), max_length=size + 1))
-    else:
-        raise ValueError(f"compression {compression!r} is unknown")
+    plain = _decompressed(data, compression, size + 1)
     if len(plain) != size:
         raise ValueError(f"a chunk claims {size} bytes and holds {len(plain)}")
     return plain
+
+
+def _decompressed(data: memoryview, compression: str, limit: int) -> memoryview:
+    """Return at most `limit` bytes of what `data` holds."""
+    try:
+        if compression == "":
+            return data
+        if compression == "zstd":
+            import zstandard
+
+            return memoryview(zstandard.ZstdDecompressor().stream_reader(data).read(limit))
+        if compression == "lz4":
+            from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+
+            return memoryview(LZ4FrameDecompressor().decompress(bytes(data), max_length=limit))
+    except Exception as error:
+        raise ValueError(f"a chunk cannot be decompressed: {error}") from error
+    raise ValueError(f"compression {compression!r} is unknown")
 
 
 def chunk_records(records: memoryview) -> Iterator[tuple[int, int, memoryview]]:

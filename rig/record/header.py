@@ -8,10 +8,12 @@ from dataclasses import asdict, dataclass
 
 from rig.core.errors import RecordingError
 from rig.core.types import SIDES, Intrinsics, Pair, Side
+from rig.record.hashes import fingerprint
 
 SCHEMA = "rig.recording/1"
 RUN, VERSIONS, MODELS = "rig.run", "rig.versions", "rig.models"
 OPTIONS = "options.json"
+_HASH = "header_hash"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +39,18 @@ class RunHeader:
 
 def to_metadata(header: RunHeader) -> dict[str, dict[str, str]]:
     """Return the MCAP metadata records of a header, by name; with the last one it is whole."""
-    run = {
-        "schema": SCHEMA,
-        "command": header.command,
-        "cameras": header.cameras,
-        "seed": str(header.seed),
-        "world_version": header.world_version,
-        "git": header.git,
-    }
+    parts = _parts(header)
+    parts[RUN][_HASH] = f"{header_hash(header):016x}"
+    return parts
+
+
+def header_hash(header: RunHeader) -> int:
+    """Return the hash of all that a header says: the chain over the triggers starts with it."""
+    parts = json.dumps(_parts(header), sort_keys=True).encode()
+    return fingerprint(parts, *to_attachments(header).values())
+
+
+def _parts(header: RunHeader) -> dict[str, dict[str, str]]:
     cameras = {
         _camera(side): {
             "serial": serial,
@@ -54,6 +60,14 @@ def to_metadata(header: RunHeader) -> dict[str, dict[str, str]]:
         for side, serial, controller, intrinsics in zip(
             SIDES, header.serials, header.controllers, header.intrinsics, strict=True
         )
+    }
+    run = {
+        "schema": SCHEMA,
+        "command": header.command,
+        "cameras": header.cameras,
+        "seed": str(header.seed),
+        "world_version": header.world_version,
+        "git": header.git,
     }
     return {**cameras, VERSIONS: dict(header.versions), MODELS: dict(header.models), RUN: run}
 
@@ -77,7 +91,7 @@ def from_parts(
     options = json.loads(attachments[OPTIONS])
     if not isinstance(options, dict):
         raise ValueError(f"{OPTIONS} is not a table")
-    return RunHeader(
+    header = RunHeader(
         command=run["command"],
         cameras=run["cameras"],
         seed=int(run["seed"]),
@@ -90,6 +104,9 @@ def from_parts(
         options={str(name): str(value) for name, value in options.items()},
         models=dict(metadata[MODELS]),
     )
+    if run[_HASH] != f"{header_hash(header):016x}":
+        raise ValueError("what the run says about itself was changed")
+    return header
 
 
 def _camera(side: Side) -> str:

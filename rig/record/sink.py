@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 from rig.core.types import SIDES, PairRecord
 from rig.record import codec, topics
 from rig.record.file import RecordingFile
-from rig.record.header import RunHeader, to_attachments, to_metadata
+from rig.record.header import RunHeader, header_hash, to_attachments, to_metadata
 from rig.record.totals import NAME, Totals
 
 CHUNK_BYTES = 1 << 20
@@ -32,7 +32,7 @@ class Sink:
         self._writer = Writer(
             cast(IO[bytes], self._file), chunk_size=_NEVER, compression=CompressionType.NONE
         )
-        self._last = codec.Tie()
+        self._last = codec.Tie(chain=header_hash(header))
         self._open_bytes = 0
         self._chunks = 0
         self._largest_chunk = 0

@@ -15,6 +15,7 @@ from rig.record import codec, recover, topics, totals
 from rig.record.codec import Message
 from rig.record.container import Container, Summary, damage
 from rig.record.hashes import seal_holds
+from rig.record.header import header_hash
 from rig.record.reader import Recording, open_recording, triggers
 from rig.record.totals import Totals
 
@@ -41,7 +42,7 @@ def verify(path: Path | str) -> Verification:
     RecordingDamaged when it is cut or has no readable index.
     """
     recording = open_recording(path)
-    audit = _Audit(recording)
+    audit = _Audit(recording, chain=header_hash(recording.header))
     with damage(recording.path), Container(recording.path) as container:
         try:
             with damage(recording.path):
@@ -59,10 +60,10 @@ class _Audit:
     """Goes through a recording once and collects what is false."""
 
     recording: Recording
+    chain: int
     claims: list[str] = field(default_factory=list)
     totals: Totals = field(default_factory=Totals)
     counts: Counter[str] = field(default_factory=Counter)
-    chain: int = 0
     expected: int = 0
     times_ns: dict[Side, int] = field(default_factory=dict)
 
