@@ -85,12 +85,11 @@ class NetworkController:
     def _remember(self, frame: Frame) -> None:
         """Put the frame first and drop the oldest; the first frame ever fills all places."""
         picture, scaled = to_rgb224(frame.image, frame.pixel_format), self._scaled(frame.used)
+        images, settings = self._images[0], self._settings[0]
         if self._frames == 0:
-            self._images[0] = np.tile(picture, (FRAMES, 1, 1))
-            self._settings[0] = np.tile(scaled, FRAMES)
-        else:
-            self._images[0] = np.concatenate([picture, self._images[0, :-3]])
-            self._settings[0] = np.concatenate([scaled, self._settings[0, :-2]])
+            images[:], settings[:] = np.tile(picture, (FRAMES, 1, 1)), np.tile(scaled, FRAMES)
+        images[3:], settings[2:] = images[:-3], settings[:-2]
+        images[:3], settings[:2] = picture, scaled
         self._frames += 1
 
     def _run(self) -> NDArray[np.float32]:
