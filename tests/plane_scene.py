@@ -37,6 +37,7 @@ class PlaneScene:
     """A plane that passes sideways; with `speed_px_s` 0 it stands still."""
 
     speed_px_s: float
+    baseline_px: float = 2.0
     world_version: str = "plane/1"
     drive_s: float = 3.0
 
@@ -44,8 +45,8 @@ class PlaneScene:
         return Intrinsics(WIDTH_PX, HEIGHT_PX, 56.0, 56.0, 31.5, 23.5)
 
     def view(self, side: Side, time_s: float) -> PlaneView:
-        baseline_px = 2.0 if side == "secondary" else 0.0
-        return PlaneView(self.speed_px_s * time_s + baseline_px)
+        place_px = self.baseline_px if side == "secondary" else 0.0
+        return PlaneView(self.speed_px_s * time_s + place_px)
 
     def truth(self, time_s: float) -> Truth:
         light = float(self.view("primary", time_s).radiance_cd_m2.mean())

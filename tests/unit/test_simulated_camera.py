@@ -74,6 +74,8 @@ def test_a_trigger_to_a_busy_camera_is_ignored_and_leaves_a_cause(wait_s: float,
     assert camera.ignored_triggers == 1
     camera.trigger()
     assert camera.grab(1.0).sequence == 2
+    with pytest.raises(GrabTimeout, match="no trigger under way"):
+        camera.grab(1.0)
 
 
 def test_readout_overlap_exposes_while_the_last_picture_is_read() -> None:

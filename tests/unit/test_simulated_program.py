@@ -79,3 +79,6 @@ def test_the_own_law_rests_while_settings_are_given() -> None:
     program.ask(Auto())
     program.next_exposure()
     assert program.wants_mean()
+    program.ask(Settings(500.0, 0.0))
+    program.next_exposure()
+    assert not program.wants_mean()

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from plane_scene import PlaneScene
 
 from rig.config import load_camera_model
+from rig.core.errors import GrabTimeout
 from rig.core.types import Frame, Lost, Pair, Settings
 from rig.drivers.simulated.camera import SimulatedCamera
 from rig.drivers.simulated.source import Drive, SimulatedSource, simulate
@@ -19,6 +22,16 @@ DRIVE = Drive(load_camera_model("blackfly-s-u3-31s4"), noise_seed=0)
 
 def open_plane(**changes: object) -> SimulatedSource:
     return simulate(PlaneScene(20.0), replace(DRIVE, **changes), "sim:plane")
+
+
+def still_pair(prnu: float) -> Pair[NDArray[np.float64]]:
+    """Return what two cameras at the same place see, when no pixel differs but by `prnu`."""
+    pixel = msgspec.structs.replace(DRIVE.model.pixel, prnu=prnu, dsnu_e=0.0)
+    drive = replace(DRIVE, model=msgspec.structs.replace(DRIVE.model, pixel=pixel))
+    source = simulate(PlaneScene(0.0, baseline_px=0.0), drive, "sim:plane")
+    pair = CameraPair(source)
+    pair.apply(Pair(Settings(10_000.0, 0.0), Settings(10_000.0, 0.0)))
+    return Pair(*(frame.image.astype(float) for frame in frames(pair.shoot())))
 
 
 def frames(shot: PairShot) -> Pair[Frame]:
@@ -89,3 +102,38 @@ def test_an_edge_that_the_secondary_misses_is_a_loss_with_its_cause() -> None:
     assert shot.frames.secondary == Lost(2, "secondary: trigger ignored during exposure")
     assert secondary.ignored_triggers == 1
     assert frames(pair.shoot()).secondary.sequence == 3
+
+
+def test_the_primary_takes_no_trigger_during_its_readout() -> None:
+    source = open_plane()
+    source.cameras.primary.trigger()
+    source.clock.sleep_s(0.010)
+    source.cameras.primary.trigger()
+    source.cameras.primary.grab(1.0)
+    with pytest.raises(GrabTimeout) as caught:
+        source.cameras.primary.grab(1.0)
+    assert caught.value.cause == "trigger ignored during readout"
+
+
+def test_the_secondary_takes_a_trigger_during_its_readout() -> None:
+    source = open_plane()
+    source.cameras.secondary.apply(Settings(10_000.0, 0.0))
+    for _ in range(2):
+        source.cameras.primary.trigger()
+        source.clock.sleep_s(0.020)
+    assert [source.cameras.secondary.grab(1.0).sequence for _ in range(2)] == [0, 1]
+
+
+def test_the_cameras_have_their_own_noise() -> None:
+    primary, secondary = still_pair(prnu=0.0)
+    assert primary.mean() == pytest.approx(secondary.mean(), abs=0.1)
+    assert not np.array_equal(primary, secondary)
+
+
+def test_the_cameras_have_their_own_fixed_pattern() -> None:
+    plain, patterned = still_pair(prnu=0.0), still_pair(prnu=0.3)
+    primary, secondary = (
+        with_it - without for with_it, without in zip(patterned, plain, strict=True)
+    )
+    assert primary.std() > 3
+    assert abs(np.corrcoef(primary.ravel(), secondary.ravel())[0, 1]) < 0.1
