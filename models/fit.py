@@ -172,11 +172,10 @@ class Fit:
         return float(np.average(values, weights=weights))
 
     def _loss(self, batch: Batch, flipped: Tensor | None = None) -> Tensor:
-        images = torch.from_numpy(batch.images).to(self._device)
-        images = images.to(memory_format=torch.channels_last).float().div_(255)
+        stored = torch.from_numpy(batch.images)
         if flipped is not None:
-            flipped = flipped.to(self._device)
-            images[flipped] = images[flipped].flip(-1)
+            stored[flipped] = stored[flipped].flip(-1)
+        images = stored.to(self._device, memory_format=torch.channels_last).float().div_(255)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=_fast_bf16(self._device)):
             answers = self._network(images, torch.from_numpy(batch.settings).to(self._device))
         return exposure_loss(answers.float(), torch.from_numpy(batch.targets).to(self._device))
