@@ -201,6 +201,8 @@ def _pair_message(record: PairRecord, moment_ns: int) -> Message:
 
 
 def _header(time_ns: int, frame_id: str) -> dict[str, Any]:
+    if time_ns < 0:
+        raise ValueError(f"time {time_ns} ns is before the run's clock began")
     sec, nanosec = divmod(time_ns, NS_PER_S)
     return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id}
 

@@ -23,7 +23,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    ChunkIndex,
     Footer,
     Header,
     Metadata,
@@ -43,6 +42,7 @@ _MESSAGE_HEADER = struct.Struct("<HIQQ")
 _FOOTER_BYTES = RECORD_HEADER.size + 20
 _MAX_CHUNK_BYTES = 128 << 20
 _MAX_RECORD_BYTES = 64 << 20
+_MAX_SUMMARY_BYTES = 256 << 20
 
 _LEAKS = (
     McapError,
@@ -62,13 +62,21 @@ PARSERS: dict[int, Any] = {
     Opcode.FOOTER: Footer,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
-    Opcode.CHUNK_INDEX: ChunkIndex,
     Opcode.ATTACHMENT: Attachment,
     Opcode.ATTACHMENT_INDEX: AttachmentIndex,
     Opcode.METADATA: Metadata,
     Opcode.METADATA_INDEX: MetadataIndex,
     Opcode.STATISTICS: Statistics,
 }
+
+
+_NEEDED = (
+    Opcode.CHANNEL,
+    Opcode.STATISTICS,
+    Opcode.METADATA_INDEX,
+    Opcode.ATTACHMENT_INDEX,
+)
+"""Of the index at the end, these; a long run has hundreds of thousands of chunk entries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,9 +136,11 @@ def find(path: Path) -> Path:
 
 @contextmanager
 def damage(path: Path) -> Iterator[None]:
-    """Turn whatever a damaged file makes the code below raise into RecordingDamaged."""
+    """Turn whatever a damaged file or disk makes the code below raise into RecordingError."""
     try:
         yield
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except _LEAKS as error:
         raise RecordingDamaged(
             f"{path} is damaged: {_said(error)}; try: rig recover {path}"
@@ -221,7 +231,7 @@ class Container:
         footer = parse(Opcode.FOOTER, tail[RECORD_HEADER.size : _FOOTER_BYTES])
         start = footer.summary_start
         size = end - 4 - start
-        if not 0 < start < end or size > _MAX_RECORD_BYTES:
+        if not 0 < start < end or size > _MAX_SUMMARY_BYTES:
             raise ValueError("the index is missing")
         if footer.summary_crc != zlib.crc32(self.bytes_at(start, size)):
             raise ValueError("the checksum of the index is wrong")
@@ -230,7 +240,7 @@ class Container:
     def _summary(self, start: int) -> Summary:
         groups: dict[int, list[Any]] = {}
         for extent in self.extents(start):
-            if extent.opcode in PARSERS:
+            if extent.opcode in _NEEDED:
                 groups.setdefault(extent.opcode, []).append(self.parsed(extent))
         (statistics,) = groups[Opcode.STATISTICS]
         return Summary(

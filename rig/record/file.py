@@ -65,17 +65,18 @@ class RecordingFile:
     """A new file that writes every byte it is given, or raises.
 
     When the disk fills up, the reserve is released, `full` becomes true and writing goes on: the
-    caller then has that much room to end the recording. `bounded_cache` writes back and drops
-    pages as it goes, so that the kernel never stalls a live recording to flush gigabytes.
+    caller then has that much room to end the recording. A `live` recording cannot be repeated, so
+    it is brought to the disk once a second; its pages are written back and dropped as it goes, so
+    that the kernel never stalls it to flush gigabytes.
     """
 
-    def __init__(self, path: Path, *, reserve_bytes: int, bounded_cache: bool) -> None:
+    def __init__(self, path: Path, *, reserve_bytes: int, live: bool) -> None:
         """Create `path`; raises OSError when it exists or the disk cannot hold the reserve."""
         self.full = False
         self._position = 0
         self._flushed = 0
         self._synced_s = time.monotonic()
-        self._sync_file_range = _sync_file_range() if bounded_cache else None
+        self._sync_file_range = _sync_file_range() if live else None
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         try:
             self._reserve = Reserve(reserve_path(path))
@@ -92,6 +93,7 @@ class RecordingFile:
     def write(self, data: Buffer) -> int:
         """Write all of `data`."""
         view = memoryview(data).cast("B")
+        size = len(view)
         while view:
             try:
                 view = view[os.write(self._fd, view) :]
@@ -99,9 +101,9 @@ class RecordingFile:
                 if error.errno not in _FULL or self.full:
                     raise
                 self._become_full()
-        self._position += len(memoryview(data))
+        self._position += size
         self._write_back()
-        return len(memoryview(data))
+        return size
 
     def hold(self, reserve_bytes: int) -> None:
         """Keep that much room back from now on; without it the disk counts as full."""
@@ -136,7 +138,9 @@ class RecordingFile:
         self.full = True
 
     def _write_back(self) -> None:
-        if self._sync_file_range and self._position - self._flushed >= _WINDOW_BYTES:
+        if self._sync_file_range is None:
+            return
+        if self._position - self._flushed >= _WINDOW_BYTES:
             self._drop_window(self._sync_file_range)
         now_s = time.monotonic()
         if now_s - self._synced_s >= _SYNC_EVERY_S:

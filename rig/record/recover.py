@@ -25,7 +25,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from rig.core.errors import RecordingDamaged
+from rig.core.errors import RecordingDamaged, RecordingError
 from rig.record import bag, container, header, topics, totals
 from rig.record.container import MAGIC, Chunk, Container, Extent, damage
 from rig.record.file import reserve_path
@@ -51,7 +51,7 @@ def recover(path: Path | str) -> Recovery:
     """Repair a recording in place: keep every whole chunk, drop the cut tail, write the index.
 
     A chunk whose checksum is wrong in the middle of the file is hidden from readers, not removed.
-    An intact file is left alone. Raises RecordingError when there is no such file,
+    An intact file is left alone. Raises RecordingError when it cannot be read or written,
     RecordingDamaged, with nothing changed, when it is no recording or is more than cut.
     """
     file = container.find(Path(path))
@@ -61,10 +61,13 @@ def recover(path: Path | str) -> Recovery:
         ending = scan.ending()
         intact = not scan.patches and source.bytes_at(scan.end, len(ending) + 1) == ending
         dropped = 0 if intact else scan.unreadable_bytes()
-    if not intact:
-        _rewrite(file, scan.patches, scan.end, ending)
-    reserve_path(file).unlink(missing_ok=True)
-    bag.describe(file)
+    try:
+        if not intact:
+            _rewrite(file, scan.patches, scan.end, ending)
+        reserve_path(file).unlink(missing_ok=True)
+        bag.describe(file)
+    except OSError as error:
+        raise RecordingError(f"cannot repair {file}: {error.strerror}") from error
     return Recovery(
         not intact, scan.triggers, len(scan.chunk_indexes), scan.skipped_chunks, dropped
     )

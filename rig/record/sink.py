@@ -26,9 +26,9 @@ class Sink:
     `close_file` leaves a file that ends in an unfinished record: close it and recover it.
     """
 
-    def __init__(self, path: Path, header: RunHeader, *, bounded_cache: bool) -> None:
+    def __init__(self, path: Path, header: RunHeader, *, live: bool) -> None:
         self._header = header
-        self._file = RecordingFile(path, reserve_bytes=_RESERVE_BYTES, bounded_cache=bounded_cache)
+        self._file = RecordingFile(path, reserve_bytes=_RESERVE_BYTES, live=live)
         self._writer = Writer(
             cast(IO[bytes], self._file), chunk_size=_NEVER, compression=CompressionType.NONE
         )

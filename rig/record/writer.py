@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import queue
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-from rig.core.errors import RecordingError, RigError
+from rig.core.errors import RecordingError
 from rig.core.types import Frame, Lost, Pair, PairRecord
 from rig.record import bag
 from rig.record.file import keep_picture_buffers
@@ -52,7 +53,7 @@ class RecordWriter:
         """Create the file; raises RecordingError when it exists or there is no room for it."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._sink = Sink(self.path, self._header, bounded_cache=self._real_time)
+            self._sink = Sink(self.path, self._header, live=self._real_time)
         except FileExistsError:
             raise RecordingError(
                 f"{self.path} exists already and is kept; name another folder with --out"
@@ -122,10 +123,8 @@ class RecordWriter:
     def _store(self, record: PairRecord) -> None:
         if self._stopped:
             return
-        try:
-            self._sink.take(without_pictures(record, DISK_FULL) if self._sink.full else record)
-        except Exception as error:
-            self._stop(f"cannot record trigger {record.trigger}", error)
+        kept = without_pictures(record, DISK_FULL) if self._sink.full else record
+        self._guard(f"cannot record trigger {record.trigger}", lambda: self._sink.take(kept))
         if self._sink.full:
             self._fail(
                 f"the disk is full at trigger {record.trigger}; {self.path} is finalised "
@@ -133,27 +132,24 @@ class RecordWriter:
             )
 
     def _end(self) -> None:
-        try:
-            if not self._torn:
-                self._sink.finish()
-            self._sink.close_file()
-            if not self._torn:
-                bag.describe(self.path)
-        except Exception as error:
-            self._stop("cannot end the recording", error)
+        if not self._torn:
+            self._guard("cannot end the recording", self._sink.finish)
+        self._guard("cannot end the recording", self._sink.close_file)
         if self._torn:
-            self._repair()
+            self._guard("cannot repair the recording", lambda: recover(self.path))
+        else:
+            self._guard("cannot describe the recording", lambda: bag.describe(self.path))
 
-    def _repair(self) -> None:
+    def _guard(self, what: str, work: Callable[[], object]) -> None:
         try:
-            recover(self.path)
-        except (OSError, RigError) as error:
-            self._fail(str(error))
+            work()
+        except Exception as error:
+            self._stop(what, error)
 
     def _stop(self, what: str, error: Exception) -> None:
         """Take nothing more; after an OSError the file ends in an unfinished record."""
         self._stopped = True
-        self._torn = isinstance(error, OSError)
+        self._torn |= isinstance(error, OSError)
         why = (error.strerror if isinstance(error, OSError) else None) or error
         self._fail(f"{what} in {self.path}: {why}; what was written before is kept")
 

@@ -12,7 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from record_samples import AUTO, HEADER, INTRINSICS, TRUTH, frame, half, record, write
 from rosbags.highlevel import AnyReader
 
-from rig.record import topics
+from rig.record import cdr, topics
 
 RECORDS = [record(0), half(1), record(2)]
 COUNTS = {
@@ -108,3 +108,12 @@ def test_every_definition_holds_all_that_it_needs() -> None:
         given = {section.splitlines()[0] for section in sections[1:]}
         needed = {line.split()[0].split("[")[0] for line in kind.definition.splitlines() if line}
         assert {name for name in needed if "/" in name} == given
+
+
+def test_the_documentation_holds_the_definitions_as_they_are() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "recording.md").read_text()
+    for file in (Path(cdr.__file__).parent / "msg" / "rig_msgs").glob("*.msg"):
+        assert file.read_text() in text, file.name
+    for topic in topics.TOPICS:
+        shown = topic.replace("/primary/", "/P/").replace("/secondary/", "/P/")
+        assert f"`{shown}`" in text

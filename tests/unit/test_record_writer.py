@@ -186,6 +186,14 @@ def test_a_broken_disk_keeps_what_was_written(
     assert info(tmp_path).recovered or found.pairs == len(RECORDS)
 
 
+def test_a_time_before_the_clock_began_does_not_spoil_the_file(tmp_path: Path) -> None:
+    early = replace(frame(1), device_time_ns=-1)
+    with pytest.raises(RecordingError, match=r"trigger 1 .* before the run's clock began"):
+        write(tmp_path, [record(0), replace(record(1), shot=Pair(early, early))])
+    assert verify(tmp_path).sound
+    assert len(open_recording(tmp_path)) == 1
+
+
 def test_an_error_of_the_thread_is_raised_by_the_next_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
