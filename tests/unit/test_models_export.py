@@ -7,12 +7,16 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from synthetic_run import SyntheticRun
 from torch import nn
 
+from rig.controllers.network import NetworkController
 from rig.core.errors import ModelError
-from rig.core.types import Limits
-from rig.models.dataset import Batch
+from rig.core.types import THESIS_LIMITS, Frame, Limits
+from rig.models.dataset import Batch, scale_settings
 from rig.models.export import export_network
+from rig.models.measuring import stretches
+from rig.models.metrics import METRICS
 from rig.models.networks import ExposureNetwork, make_network
 
 FACTS = {"net": "dual-small", "training_sha256": "ab" * 32, "seed": 5}
@@ -113,6 +117,37 @@ def test_same_network_same_bytes_and_no_trace_of_this_computer(
     again = (tmp_path / "again.onnx").read_bytes()
     assert again == (folder / "half.onnx").read_bytes()
     assert b".py" not in again
+
+
+def test_controller_sees_while_driving_what_the_network_saw_in_training(
+    network: ExposureNetwork, tmp_path: Path
+) -> None:
+    """Training pictures are rounded to 8 bits; any mix-up moves answers by far more than that."""
+    export_network(network, tmp_path / "n.onnx", _batch(), **FACTS)
+    controller = NetworkController(tmp_path / "n.onnx")
+    controller.reset(THESIS_LIMITS)
+    records = list(SyntheticRun(triggers=12).records())[3:8]
+    (stretch,) = stretches(records, METRICS["feat"])
+    for at, record in enumerate(records):
+        frame = record.shot.primary
+        assert isinstance(frame, Frame)
+        controller.step(frame)
+        told = controller.diagnostics()
+        driving = np.array([told["exposure_answer"], told["gain_answer"]])
+        seen = [max(at - back, 0) for back in range(3)]
+        pictures = stretch.images[seen, 0].astype(np.float32) / 255
+        used = stretch.drive.used[seen, 0]
+        settings = scale_settings(used[:, 0], used[:, 1]).reshape(1, 6)
+        assert np.abs(_asked(network, pictures, settings) - driving).max() < 0.006
+    for mixed_up in (pictures[::-1], pictures[:, ::-1]):
+        assert np.abs(_asked(network, mixed_up, settings) - driving).max() > 0.01
+    assert np.abs(_asked(network, pictures, settings[:, ::-1]) - driving).max() > 0.01
+
+
+def _asked(network: ExposureNetwork, pictures: np.ndarray, settings: np.ndarray) -> np.ndarray:
+    images = torch.from_numpy(pictures.reshape(1, 9, 224, 224).copy())
+    with torch.inference_mode():
+        return network(images, torch.from_numpy(settings.copy())).numpy()[0]
 
 
 def test_network_that_answers_all_alike_is_not_written(tmp_path: Path) -> None:
