@@ -2,7 +2,7 @@
 
 The primary is triggered by software; its exposure pulse triggers the secondary over a wire
 (thesis 5.1.1). A pair is complete only when both frames came, carry the same trigger count, and
-began within `MAX_OFFSET_NS` of each other. Whatever else happens is data: a `Lost` with its cause.
+began within `MAX_PAIR_OFFSET_NS` of each other. Whatever else happens is data: a `Lost` with its cause.
 """
 
 from __future__ import annotations
@@ -11,11 +11,17 @@ from dataclasses import dataclass, field
 
 from rig.core.errors import GrabTimeout
 from rig.core.protocols import Camera, Source
-from rig.core.types import THESIS_LIMITS, Command, Frame, Limits, Lost, Pair, Side
+from rig.core.types import (
+    MAX_PAIR_OFFSET_NS,
+    THESIS_LIMITS,
+    Command,
+    Frame,
+    Limits,
+    Lost,
+    Pair,
+    Side,
+)
 from rig.core.units import NS_PER_S
-
-MAX_OFFSET_NS = 500_000
-"""Two exposures that begin further apart than this were not started by one pulse."""
 
 GRAB_MARGIN_S = 1.0
 """Time beyond the longest exposure after which a frame is not coming any more."""
@@ -96,6 +102,6 @@ def _paired(frames: Pair[Frame | Lost]) -> PairShot:
         causes = [frame.cause for frame in frames if isinstance(frame, Lost)]
         return PairShot(frames, None, "; ".join(dict.fromkeys(causes)))
     offset_ns = secondary.device_time_ns - primary.device_time_ns
-    if abs(offset_ns) > MAX_OFFSET_NS:
+    if abs(offset_ns) > MAX_PAIR_OFFSET_NS:
         return PairShot(frames, offset_ns, "exposures did not begin together")
     return PairShot(frames, offset_ns, "")

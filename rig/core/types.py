@@ -18,6 +18,9 @@ SIDES: tuple[Side, Side] = ("primary", "secondary")
 PixelFormat = Literal["bayer_rggb8", "mono8"]
 """ROS 2 encoding names; `bayer_rggb8` has red at row 0, column 0."""
 
+MAX_PAIR_OFFSET_NS = 500_000
+"""Two exposures that begin further apart than this were not started by one pulse."""
+
 Diagnostics = Mapping[str, float | str]
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rig.core.errors import RecordingDamaged
-from rig.core.types import SIDES, Frame, Intrinsics, Lost, PairRecord, Side
+from rig.core.types import MAX_PAIR_OFFSET_NS, SIDES, Frame, Intrinsics, Lost, PairRecord, Side
 from rig.core.units import NS_PER_S
 from rig.record import codec, recover, topics, totals
 from rig.record.codec import Message
@@ -18,9 +18,6 @@ from rig.record.hashes import seal_holds
 from rig.record.header import header_hash
 from rig.record.reader import Recording, open_recording, triggers
 from rig.record.totals import Totals
-
-MAX_OFFSET_NS = 500_000
-"""Two exposures that begin further apart than this are no pair."""
 
 _MAX_CLAIMS = 100
 
@@ -163,8 +160,8 @@ def _pairing(record: PairRecord) -> Iterator[str]:
     offset_ns = secondary.device_time_ns - primary.device_time_ns
     if record.offset_ns != offset_ns:
         yield f"offset {record.offset_ns} ns, the frames are {offset_ns} ns apart"
-    if record.complete and abs(offset_ns) > MAX_OFFSET_NS:
-        yield f"complete, but the frames are {offset_ns} ns apart, over {MAX_OFFSET_NS}"
+    if record.complete and abs(offset_ns) > MAX_PAIR_OFFSET_NS:
+        yield f"complete, but the frames are {offset_ns} ns apart, over {MAX_PAIR_OFFSET_NS}"
 
 
 def _camera_info(message: Message, recording: Recording) -> Iterator[str]:

@@ -12,6 +12,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import GrabTimeout
 from rig.core.protocols import Clock
 from rig.core.types import (
+    MAX_PAIR_OFFSET_NS,
     THESIS_LIMITS,
     Command,
     Decision,
@@ -25,7 +26,7 @@ from rig.core.types import (
     Truth,
 )
 from rig.loop import run_pair
-from rig.pair import MAX_OFFSET_NS, CameraPair
+from rig.pair import CameraPair
 
 
 @dataclass
@@ -179,9 +180,9 @@ def test_a_lost_frame_repeats_the_settings_and_is_recorded() -> None:
 
 
 def test_exposures_that_began_apart_are_no_pair() -> None:
-    (record,) = drive(make_source(offset_ns=MAX_OFFSET_NS + 1), 1)
+    (record,) = drive(make_source(offset_ns=MAX_PAIR_OFFSET_NS + 1), 1)
     assert not record.complete
-    assert record.offset_ns == MAX_OFFSET_NS + 1
+    assert record.offset_ns == MAX_PAIR_OFFSET_NS + 1
 
 
 def test_a_frame_that_ran_ahead_is_never_paired() -> None:
