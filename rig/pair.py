@@ -2,7 +2,8 @@
 
 The primary is triggered by software; its exposure pulse triggers the secondary over a wire
 (thesis 5.1.1). A pair is complete only when both frames came, carry the same trigger count, and
-began within `MAX_PAIR_OFFSET_NS` of each other. Whatever else happens is data: a `Lost` with its cause.
+began within `MAX_PAIR_OFFSET_NS` of each other. Whatever else happens is data: a `Lost` with its
+cause.
 """
 
 from __future__ import annotations
