@@ -342,7 +342,7 @@ def _surface_radiance(
             ty * km,
             2.0,
         )
-        albedo *= 0.45 + 1.1 * slow
+        albedo *= 0.8 + 0.4 * slow
     wide = surfaces.light_table[q, 1]
     high = surfaces.light_table[q, 2]
     u = min(max(s / surfaces.length_m[q, 0] * wide - 0.5, 0.0), wide - 1.001)

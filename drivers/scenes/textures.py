@@ -86,12 +86,12 @@ def street_textures(rng: Rng) -> dict[str, Image]:
         "concrete": _concrete,
         "brick": _brick,
         "pavers": _pavers,
-        "grass": lambda r: 0.03 + 0.22 * noise(r, 512, 512, 0.45) * noise(r, 512, 512, 0.9),
-        "foliage": lambda r: 0.02 + 0.22 * noise(r, 512, 512, 0.55) ** 2,
+        "grass": lambda r: 0.09 + 0.1 * noise(r, 512, 512, 0.45) * noise(r, 512, 512, 0.9),
+        "foliage": lambda r: 0.07 + 0.2 * noise(r, 512, 512, 0.55) ** 2,
         "leaves": _leaf_mask,
-        "paint": lambda r: 0.5 * (0.72 + 0.36 * noise(r, 256, 256, 0.8)),
-        "dark": lambda r: 0.05 + 0.06 * noise(r, 256, 256, 0.9),
-        "metal": lambda r: 0.25 + 0.22 * noise(r, 256, 256, 1.1),
+        "paint": lambda r: 0.5 * (0.82 + 0.2 * noise(r, 256, 256, 0.8)),
+        "dark": lambda r: 0.08 + 0.06 * noise(r, 256, 256, 0.9),
+        "metal": lambda r: 0.3 + 0.08 * noise(r, 256, 256, 1.1),
         "blank": lambda r: np.full((4, 4), 0.8, np.float32),
     }
     makers |= {f"facade{k}": _facade for k in range(4)}
@@ -106,7 +106,7 @@ def _asphalt(rng: Rng) -> Image:
     grain = 0.5 * noise(rng, 1024, 1024, 0.35) + 0.5 * noise(rng, 1024, 1024, 1.1)
     stones = (rng.random((1024, 1024)) > 0.995).astype(np.float32)
     stones = np.clip(cv2.GaussianBlur(stones, (0, 0), 1.0) * 8, 0, 1)
-    return cast(Image, (0.05 + 0.11 * grain + 0.13 * stones) * _cracks(rng, 26, 180))
+    return cast(Image, (0.08 + 0.05 * grain + 0.07 * stones) * _cracks(rng, 8, 120))
 
 
 def _cracks(rng: Rng, count: int, steps: int) -> Image:
@@ -119,16 +119,16 @@ def _cracks(rng: Rng, count: int, steps: int) -> Image:
 
 
 def _concrete(rng: Rng) -> Image:
-    c = 0.16 + 0.12 * noise(rng, 1024, 1024, 0.5) + 0.2 * noise(rng, 1024, 1024, 1.3)
+    c = 0.25 + 0.07 * noise(rng, 1024, 1024, 0.4) + 0.07 * noise(rng, 1024, 1024, 1.3)
     for at in range(0, 1024, 128):
-        c[at : at + 3] *= 0.45
+        c[at : at + 3] *= 0.7
     for at in range(0, 1024, 256):
-        c[:, at : at + 3] *= 0.45
-    for _ in range(120):
+        c[:, at : at + 3] *= 0.7
+    for _ in range(24):
         centre = tuple(int(v) for v in rng.integers(0, 1024, 2))
         axes = (int(rng.integers(2, 30)), int(rng.integers(10, 160)))
-        cv2.ellipse(c, centre, axes, 0, 0, 360, rng.uniform(0.06, 0.45), int(rng.integers(1, 3)))
-    for _ in range(24):
+        cv2.ellipse(c, centre, axes, 0, 0, 360, rng.uniform(0.15, 0.4), 1)
+    for _ in range(6):
         where = (int(rng.integers(0, 900)), int(rng.integers(200, 1000)))
         _write(c, rng, where, rng.uniform(0.8, 3.0), rng.uniform(0.05, 0.55), 4)
     return c
@@ -140,20 +140,20 @@ def _brick(rng: Rng) -> Image:
         shift = 32 * (row % 2)
         for column in range(8):
             x, y = (column * 64 + shift) % 512, row * 32
-            cv2.rectangle(wall, (x + 2, y + 2), (x + 61, y + 29), rng.uniform(0.1, 0.28), -1)
-    return cast(Image, wall * (0.7 + 0.6 * noise(rng, 512, 512, 0.6)))
+            cv2.rectangle(wall, (x + 2, y + 2), (x + 61, y + 29), rng.uniform(0.17, 0.26), -1)
+    return cast(Image, wall * (0.85 + 0.3 * noise(rng, 512, 512, 0.6)))
 
 
 def _pavers(rng: Rng) -> Image:
-    slabs = rng.uniform(0.2, 0.34, (8, 8)).astype(np.float32).repeat(64, 0).repeat(64, 1)
+    slabs = rng.uniform(0.25, 0.31, (8, 8)).astype(np.float32).repeat(64, 0).repeat(64, 1)
     for at in range(0, 512, 64):
-        slabs[at : at + 2] *= 0.5
-        slabs[:, at : at + 2] *= 0.5
-    return cast(Image, slabs * (0.6 + 0.7 * noise(rng, 512, 512, 0.5)))
+        slabs[at : at + 2] *= 0.65
+        slabs[:, at : at + 2] *= 0.65
+    return cast(Image, slabs * (0.82 + 0.36 * noise(rng, 512, 512, 0.4)))
 
 
 def _facade(rng: Rng) -> Image:
-    wall = rng.uniform(0.25, 0.5) * (0.72 + 0.3 * noise(rng, 1024, 1024, 0.9))
+    wall = rng.uniform(0.3, 0.5) * (0.88 + 0.14 * noise(rng, 1024, 1024, 0.6))
     if rng.random() < 0.5:
         wall *= cv2.resize(_brick(rng), (1024, 1024)) * 3.0
     rows, columns = (int(v) for v in rng.integers(3, 7, 2))
@@ -162,7 +162,7 @@ def _facade(rng: Rng) -> Image:
         for j in range(columns):
             y, x = int((i + 0.22) * 1024 / rows), int((j + 0.22) * 1024 / columns)
             wall[y - 8 : y + high + 8, x - 8 : x + wide + 8] = rng.uniform(0.4, 0.7)
-            glass = rng.uniform(0.02, 0.12) * (1 + 0.6 * noise(rng, high, wide, 1.2))
+            glass = rng.uniform(0.1, 0.22) * (1 + 0.6 * noise(rng, high, wide, 1.2))
             wall[y : y + high, x : x + wide] = glass
             cv2.line(wall, (x + wide // 2, y), (x + wide // 2, y + high), 0.55, 5)
             cv2.line(wall, (x, y + high // 2), (x + wide, y + high // 2), 0.55, 5)
@@ -177,7 +177,7 @@ def _leaf_mask(rng: Rng) -> Image:
 
 
 def _sign(rng: Rng) -> Image:
-    plate = np.full((256, 256), rng.uniform(0.06, 0.5), np.float32)
+    plate = np.full((256, 256), rng.uniform(0.1, 0.5), np.float32)
     cv2.rectangle(plate, (10, 10), (245, 245), rng.uniform(0.3, 0.75), 8)
     for line in range(3):
         _write(plate, rng, (14, 80 + 60 * line), 3.0, 0.7, 5)
@@ -185,11 +185,11 @@ def _sign(rng: Rng) -> Image:
 
 
 def _car_side(rng: Rng) -> Image:
-    body = rng.uniform(0.05, 0.55) * (0.85 + 0.25 * noise(rng, 256, 512, 1.3))
-    cv2.rectangle(body, (80, 20), (430, 110), 0.03, -1)
-    cv2.line(body, (250, 20), (250, 250), 0.06, 8)
+    body = rng.uniform(0.12, 0.6) * (0.85 + 0.25 * noise(rng, 256, 512, 1.3))
+    cv2.rectangle(body, (80, 20), (430, 110), 0.12, -1)
+    cv2.line(body, (250, 20), (250, 250), 0.1, 8)
     for x in (110, 400):
-        cv2.circle(body, (x, 215), 46, 0.02, -1)
+        cv2.circle(body, (x, 215), 46, 0.06, -1)
         cv2.circle(body, (x, 215), 22, 0.4, -1)
     cv2.rectangle(body, (0, 110), (24, 140), 0.7, -1)
     return cast(Image, body)
