@@ -25,7 +25,8 @@ def flow_blur(
     """Return the mean of a view while the camera moves from `start` to `end`.
 
     `radiance` and `depth_m` (H x W) were rendered at `start`. Each pixel averages the picture
-    along the displacement of the surface that it shows; occlusions are not re-rendered.
+    along the displacement of the surface that it shows, from pixels of its own Bayer channel;
+    occlusions are not re-rendered.
     """
     turn = end.rotation @ start.rotation.T
     shift = end.rotation @ (start.centre - end.centre)
@@ -58,16 +59,22 @@ def _gather(
             dy = b / c * f + cy - y
             length = math.sqrt(dx * dx + dy * dy)
             steps = int(min(max(math.ceil(length / _STEP_PX), 1), _LONGEST_STEPS))
+            last_x = width - 1 - ((width - 1 - x) & 1)
+            last_y = height - 1 - ((height - 1 - y) & 1)
             total = 0.0
             for i in range(steps):
                 k = (i + 0.5) / steps
-                u = min(max(x - k * dx, 0.0), width - 1.001)
-                v = min(max(y - k * dy, 0.0), height - 1.001)
-                ix = int(u)
-                iy = int(v)
-                p = u - ix
-                q = v - iy
-                top = radiance[iy, ix] * (1 - p) + radiance[iy, ix + 1] * p
-                low = radiance[iy + 1, ix] * (1 - p) + radiance[iy + 1, ix + 1] * p
+                u = -0.5 * k * dx
+                v = -0.5 * k * dy
+                fu = math.floor(u)
+                fv = math.floor(v)
+                p = u - fu
+                q = v - fv
+                x0 = min(max(x + 2 * int(fu), x & 1), last_x)
+                x1 = min(max(x + 2 * int(fu) + 2, x & 1), last_x)
+                y0 = min(max(y + 2 * int(fv), y & 1), last_y)
+                y1 = min(max(y + 2 * int(fv) + 2, y & 1), last_y)
+                top = radiance[y0, x0] * (1 - p) + radiance[y0, x1] * p
+                low = radiance[y1, x0] * (1 - p) + radiance[y1, x1] * p
                 total += top * (1 - q) + low * q
             out[y, x] = total / steps

@@ -39,7 +39,7 @@ def cached(kind: str, key: str, make: Callable[[], Arrays]) -> Arrays:
 
 def _load(path: Path) -> Arrays | None:
     try:
-        with np.load(path) as stored:
+        with path.open("rb") as file, np.load(file) as stored:
             return dict(stored)
     except (FileNotFoundError, ValueError, EOFError, zipfile.BadZipFile):
         return None

@@ -20,7 +20,7 @@ from rig.drivers.scenes.textures import street_textures
 from rig.drivers.scenes.trajectories import Bend, Drive, Path, Wave
 from rig.drivers.scenes.world import Plan
 
-TUNNEL_VERSION = "tunnel/2"
+TUNNEL_VERSION = "tunnel/3"
 
 _DRIVE_M = 12.0 * 13.9
 _BEHIND_M = 40.0
@@ -104,7 +104,7 @@ def tunnel(seed: int, split: str, speed_mps: float) -> Plan:
         sky=lambda: sky,
         sun=Sunlight(towards, layout.sun_lux, mean_radiance_cd_m2(sky), float(sky[1, -1].mean())),
         drive=_drive(rng("motion"), path, speed_mps),
-        drive_m=_DRIVE_M,
+        drive_s=_DRIVE_M / speed_mps,
     )
 
 

@@ -40,7 +40,7 @@ class Plan:
     sky: Callable[[], NDArray[np.float32]]
     sun: Sunlight
     drive: Drive
-    drive_m: float
+    drive_s: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +120,7 @@ class RenderedScene:
     @property
     def drive_s(self) -> float:
         """Return how long the drive takes, seconds."""
-        return self.world.plan.drive_m / self.world.plan.drive.speed_mps
+        return self.world.plan.drive_s
 
     def intrinsics(self, side: Side) -> Intrinsics:
         """Return the pinhole intrinsics; both cameras are alike."""

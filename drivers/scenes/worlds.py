@@ -9,6 +9,7 @@ from typing import Protocol
 from rig.core.errors import UsageError
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.tunnel import tunnel
+from rig.drivers.scenes.wall import wall
 from rig.drivers.scenes.world import Plan, RenderedScene, bake_world, lens_for
 
 SPLITS = ("train", "test")
@@ -22,7 +23,7 @@ class Builder(Protocol):
         ...
 
 
-WORLDS: Mapping[str, Builder] = {"tunnel": tunnel}
+WORLDS: Mapping[str, Builder] = {"tunnel": tunnel, "wall": wall}
 
 
 def open_world(
