@@ -25,6 +25,7 @@ from rig.core.errors import ModelError
 from rig.core.types import THESIS_LIMITS, Limits
 from rig.models.dataset import FRAMES, Batch
 from rig.models.networks import ExposureNetwork
+from rig.models.widen import filled, widened
 
 SCHEMA = "rig.network/1"
 INPUT = "RGB 224x224 in 0..1, newest frame first; settings (exposure, gain) scaled to the limits"
@@ -100,7 +101,7 @@ def export_network(
 
 
 class _DrivingNetwork(nn.Module):
-    """The same function with the folded first layer's weights worked out once."""
+    """The same function, folded weights worked out once, channels filled to whole blocks."""
 
     image_weight: Tensor
     settings_weight: Tensor
@@ -109,11 +110,11 @@ class _DrivingNetwork(nn.Module):
     def __init__(self, network: ExposureNetwork) -> None:
         super().__init__()
         first = network.first
-        self.register_buffer("image_weight", first.image_weight().detach().contiguous())
-        self.register_buffer("settings_weight", first.settings_weight().detach().contiguous())
-        self.register_buffer("bias", first.bias.detach())
+        self.register_buffer("image_weight", filled(first.image_weight().detach()))
+        self.register_buffer("settings_weight", filled(first.settings_weight().detach()))
+        self.register_buffer("bias", filled(first.bias.detach()))
         self.pool = first.pool
-        self.stages, self.head = network.stages, network.head
+        self.stages, self.head = widened(network.stages), network.head
 
     def forward(self, images: Tensor, settings: Tensor) -> Tensor:
         colour = nn.functional.conv2d(images, self.image_weight, self.bias)

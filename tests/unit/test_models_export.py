@@ -80,7 +80,7 @@ def test_file_answers_as_the_network_at_every_batch_size(
 
 def test_half_precision_halves_the_file(folder: Path) -> None:
     full, half = ((folder / f"{name}.onnx").stat().st_size for name in ("full", "half"))
-    assert 5_900_000 < full < 6_400_000
+    assert 5_900_000 < full < 7_000_000, "four bytes a weight, and zeros that fill whole vectors"
     assert half < 0.52 * full
 
 
