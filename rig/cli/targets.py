@@ -31,8 +31,9 @@ def targets(
     alpha:
         Weight of feat in hybrid, 0 to 1.
     """
-    from rig.models.targets import make_targets
+    from rig.models.targets import make_targets, refuse_existing
 
+    refuse_existing(out)
     with terminal.progress("targets", None) as advance:
         found = make_targets(
             recordings, metric, window, alpha, lambda _, done, total: advance(done, total)
