@@ -11,42 +11,77 @@ from numpy.typing import NDArray
 from rig.core.types import Intrinsics
 from rig.drivers.scenes.trajectories import Pose, Vector
 
+Floats = NDArray[np.float32]
+
 _LONGEST_STEPS = 96
 _STEP_PX = 1.0
+_DARKEST_CD_M2 = 1e-6
 
 
 def flow_blur(
-    radiance: NDArray[np.float32],
-    depth_m: NDArray[np.float32],
-    lens: Intrinsics,
-    start: Pose,
-    end: Pose,
-) -> NDArray[np.float32]:
+    radiance: Floats, ratio: Floats, depth_m: Floats, lens: Intrinsics, start: Pose, end: Pose
+) -> Floats:
     """Return the mean of a view while the camera moves from `start` to `end`.
 
-    `radiance` and `depth_m` (H x W) were rendered at `start`. Each pixel averages the picture
-    along the displacement of the surface that it shows, from pixels of its own Bayer channel;
-    occlusions are not re-rendered.
+    `radiance` and `depth_m` (H x W) were rendered at `start`; `ratio` is `channel_ratio(radiance)`.
+    Each pixel averages the grey picture along the displacement of the surface that it shows, and
+    keeps its own channel's share; occlusions are not re-rendered.
     """
     turn = end.rotation @ start.rotation.T
     shift = end.rotation @ (start.centre - end.centre)
     out = np.empty_like(radiance)
-    _gather(radiance, depth_m, lens.fx_px, lens.cx_px, lens.cy_px, turn, shift, out)
+    _gather(radiance / ratio, ratio, depth_m, lens.fx_px, lens.cx_px, lens.cy_px, turn, shift, out)
     return out
 
 
 @nb.njit(parallel=True, cache=True, fastmath=True, nogil=True)
+def channel_ratio(radiance: Floats) -> Floats:
+    """Return what each Bayer pixel's channel has over the local grey (R/4 + G/2 + B/4), H x W.
+
+    Both are means over the pixel and its eight nearest neighbours of the same channel.
+    """
+    height, width = radiance.shape
+    grey = np.empty_like(radiance)
+    for y in nb.prange(height):
+        up = y - 1 if y > 0 else 1
+        down = y + 1 if y < height - 1 else height - 2
+        for x in range(width):
+            left = x - 1 if x > 0 else 1
+            right = x + 1 if x < width - 1 else width - 2
+            beside = radiance[up, x] + radiance[down, x] + radiance[y, left] + radiance[y, right]
+            corners = (radiance[up, left] + radiance[up, right] + radiance[down, left]) + radiance[
+                down, right
+            ]
+            grey[y, x] = (4 * radiance[y, x] + 2 * beside + corners) / 16
+    ratio = np.empty_like(radiance)
+    for row in nb.prange(height):
+        y = int(np.int64(row))  # a parallel index is unsigned: y - 2 would be a float
+        for x in range(width):
+            own = 0.0
+            all_channels = 0.0
+            for j in range(-2, 3, 2):
+                yy = y + j if 0 <= y + j < height else y
+                for i in range(-2, 3, 2):
+                    xx = x + i if 0 <= x + i < width else x
+                    own += radiance[yy, xx]
+                    all_channels += grey[yy, xx]
+            ratio[y, x] = max(own, _DARKEST_CD_M2) / max(all_channels, _DARKEST_CD_M2)
+    return ratio
+
+
+@nb.njit(parallel=True, cache=True, fastmath=True, nogil=True)
 def _gather(
-    radiance: NDArray[np.float32],
-    depth_m: NDArray[np.float32],
+    grey: Floats,
+    ratio: Floats,
+    depth_m: Floats,
     f: float,
     cx: float,
     cy: float,
     turn: Vector,
     shift: Vector,
-    out: NDArray[np.float32],
+    out: Floats,
 ) -> None:
-    height, width = radiance.shape
+    height, width = grey.shape
     for y in nb.prange(height):
         for x in range(width):
             z = depth_m[y, x]
@@ -59,22 +94,16 @@ def _gather(
             dy = b / c * f + cy - y
             length = math.sqrt(dx * dx + dy * dy)
             steps = int(min(max(math.ceil(length / _STEP_PX), 1), _LONGEST_STEPS))
-            last_x = width - 1 - ((width - 1 - x) & 1)
-            last_y = height - 1 - ((height - 1 - y) & 1)
             total = 0.0
             for i in range(steps):
                 k = (i + 0.5) / steps
-                u = -0.5 * k * dx
-                v = -0.5 * k * dy
-                fu = math.floor(u)
-                fv = math.floor(v)
-                p = u - fu
-                q = v - fv
-                x0 = min(max(x + 2 * int(fu), x & 1), last_x)
-                x1 = min(max(x + 2 * int(fu) + 2, x & 1), last_x)
-                y0 = min(max(y + 2 * int(fv), y & 1), last_y)
-                y1 = min(max(y + 2 * int(fv) + 2, y & 1), last_y)
-                top = radiance[y0, x0] * (1 - p) + radiance[y0, x1] * p
-                low = radiance[y1, x0] * (1 - p) + radiance[y1, x1] * p
+                u = min(max(x - k * dx, 0.0), width - 1.001)
+                v = min(max(y - k * dy, 0.0), height - 1.001)
+                ix = int(u)
+                iy = int(v)
+                p = u - ix
+                q = v - iy
+                top = grey[iy, ix] * (1 - p) + grey[iy, ix + 1] * p
+                low = grey[iy + 1, ix] * (1 - p) + grey[iy + 1, ix + 1] * p
                 total += top * (1 - q) + low * q
-            out[y, x] = total / steps
+            out[y, x] = ratio[y, x] * total / steps

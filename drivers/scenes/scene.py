@@ -33,7 +33,7 @@ class Scene(Protocol):
 
     @property
     def world_version(self) -> str:
-        """Return the name and number of what makes the radiances, such as `tunnel/3`."""
+        """Return the name and number of what makes the radiances, such as `tunnel/5`."""
         ...
 
     @property

@@ -20,7 +20,7 @@ from rig.drivers.scenes.textures import street_textures
 from rig.drivers.scenes.trajectories import Bend, Drive, Path, Wave
 from rig.drivers.scenes.world import Plan
 
-TUNNEL_VERSION = "tunnel/3"
+TUNNEL_VERSION = "tunnel/5"
 
 _DRIVE_M = 12.0 * 13.9
 _BEHIND_M = 40.0
@@ -76,7 +76,7 @@ def draw_layout(rng: np.random.Generator) -> Layout:
         sun_lux=rng.uniform(9e4, 1.05e5),
         sky_cd_m2=rng.uniform(4000.0, 6500.0),
         cloud=rng.uniform(0.05, 0.5),
-        lamp_cd_m2=float(np.exp(rng.uniform(math.log(155e3), math.log(185e3)))),
+        lamp_cd_m2=float(np.exp(rng.uniform(math.log(160e3), math.log(180e3)))),
         lamp_step_m=rng.uniform(5.0, 7.0),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.core.types import Intrinsics, Side, Truth
-from rig.drivers.scenes.blur import flow_blur
+from rig.drivers.scenes.blur import channel_ratio, flow_blur
 from rig.drivers.scenes.cache import Arrays, cached
 from rig.drivers.scenes.geometry import Quad, Surfaces, surfaces
 from rig.drivers.scenes.light import LIGHT_VERSION, Sunlight, bake
@@ -29,7 +30,7 @@ _REMEMBERED_VIEWS = 4
 class Plan:
     """What a world is made of before any light is baked.
 
-    `key` names everything that the plan was made from; equal keys give equal plans.
+    `key` names everything that `textures` and `sky` were made from.
     `textures` and `sky` are called only when the world is not in the cache.
     """
 
@@ -69,9 +70,19 @@ def bake_world(plan: Plan) -> World:
             "sky": plan.sky(),
         }
 
-    store = cached("worlds", f"{plan.key} {plan.version} {LIGHT_VERSION}", make)
+    store = cached("worlds", f"{plan.key} {plan.version} {LIGHT_VERSION} {_digest(plan)}", make)
     atlas = Atlas(tuple(store["names"].tolist()), store["texels"], store["table"], store["mean"])  # type: ignore[arg-type]
     return World(plan, surfaces(plan.quads, atlas), atlas, store["light_lux"], store["sky"])  # type: ignore[arg-type]
+
+
+def _digest(plan: Plan) -> str:
+    """Return a hash of all geometry, materials and light, so that no stale light is ever used."""
+    digest = hashlib.sha256(repr(plan.sun).encode())
+    for quad in plan.quads:
+        digest.update(quad.corners.tobytes() + quad.facing.tobytes())
+        words = (quad.material, quad.texels_per_m, quad.offset, quad.cutout, quad.emitted_cd_m2)
+        digest.update(repr((*words, quad.solid)).encode())
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +100,11 @@ class RenderedView:
         start = self.scene.pose(self.side, self.time_s)
         end = self.scene.pose(self.side, self.time_s + exposure_us * 1e-6)
         lens = self.scene.intrinsics(self.side)
-        return flow_blur(self.radiance_cd_m2, self.depth_m, lens, start, end)
+        return flow_blur(self.radiance_cd_m2, self._ratio, self.depth_m, lens, start, end)
+
+    @cached_property
+    def _ratio(self) -> NDArray[np.float32]:
+        return np.asarray(channel_ratio(self.radiance_cd_m2))
 
     @cached_property
     def light_cd_m2(self) -> float:

@@ -71,7 +71,7 @@ def test_the_same_world_gives_the_same_bytes_baked_again_and_on_one_thread(
 
 def test_a_drive_lasts_120_triggers_and_knows_its_version(scene: RenderedScene) -> None:
     assert scene.drive_s == pytest.approx(12.0)
-    assert scene.world_version == "tunnel/3"
+    assert scene.world_version == "tunnel/5"
 
 
 def test_smaller_pictures_keep_the_field_of_view(scene: RenderedScene) -> None:
@@ -117,7 +117,7 @@ def test_outside_is_far_brighter_than_inside(scene: RenderedScene) -> None:
 
 def test_a_vanishing_exposure_has_no_blur(scene: RenderedScene) -> None:
     view = scene.view("primary", 4.0)
-    assert view.exposed(1e-3) == pytest.approx(view.radiance_cd_m2, rel=1e-3)
+    assert view.exposed(1e-3) == pytest.approx(view.radiance_cd_m2, rel=3e-3)
 
 
 def test_flow_blur_agrees_with_rendering_every_moment(scene: RenderedScene) -> None:
@@ -129,6 +129,14 @@ def test_flow_blur_agrees_with_rendering_every_moment(scene: RenderedScene) -> N
     still = np.abs(np.log(view.radiance_cd_m2 / exact))
     assert np.median(error) < 0.03
     assert np.median(error) < 0.6 * np.median(still)
+
+
+def test_blur_keeps_the_colour_of_the_sky(scene: RenderedScene) -> None:
+    view = scene.view("primary", 10.5)
+    blurred = view.exposed(20_000.0)
+    for row, column in ((0, 0), (0, 1), (1, 1)):
+        part = (slice(row, 30, 2), slice(column, None, 2))
+        assert blurred[part].mean() == pytest.approx(view.radiance_cd_m2[part].mean(), rel=0.02)
 
 
 def test_the_wall_is_even_and_stands_still() -> None:

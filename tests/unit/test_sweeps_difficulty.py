@@ -1,0 +1,38 @@
+"""Exposure control must matter: no fixed setting may survive a test drive, a path of them must."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rig.drivers.scenes.worlds import open_world
+from rig.experiments.sweeps import Bench, best_fixed, best_path, settings_grid
+
+PLACES = (12, 28, 50, 75, 105)
+SAMPLED = range(10, 119, 4)
+BLIND = 20
+TIE = 0.98
+"""Means over three pairs differ by about 2 per cent between draws of the noise."""
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_tunnel_needs_exposure_control(seed: int) -> None:
+    grid = settings_grid()
+    scene = open_world(
+        "tunnel", seed=seed, split="test", width_px=640, height_px=480, speed_mps=13.9
+    )
+    bench = Bench(scene)
+    pairs = sorted({*SAMPLED, *(place + step for place in PLACES for step in (-1, 0, 1))})
+    maps = {pair: bench.settings_map(pair, grid) for pair in pairs}
+
+    inside = 0
+    for place in PLACES:
+        mean = np.mean([maps[place + step] for step in (-1, 0, 1)], axis=0)
+        inside += mean[1:-1, 1:-1].max() >= TIE * mean.max()
+    assert inside >= 4
+
+    drive = np.stack([maps[pair] for pair in pairs])
+    assert best_fixed(drive)[1] < BLIND
+    path = best_path(drive, reach=4)
+    assert min(inliers[cell] for inliers, cell in zip(drive, path, strict=True)) > 200
