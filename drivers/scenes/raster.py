@@ -15,6 +15,12 @@ from rig.drivers.scenes.trajectories import Pose, Vector
 
 Floats = NDArray[np.float32]
 
+# Columns of the table of what shading needs of each quad; plain arrays are far faster in kernels.
+_TEXTURE, _CUTOUT, _EMITTED, _MACRO = range(4)
+_U_SCALE, _V_SCALE, _U_OFFSET, _V_OFFSET = range(4, 8)
+_LIGHT, _LIGHT_WIDE, _LIGHT_HIGH, _PER_A, _PER_B = range(8, 13)
+_TINT = 13
+
 FAR_M = 2000.0
 """The depth of the sky."""
 
@@ -34,6 +40,7 @@ def render(
     """
     radiance = np.zeros((lens.height_px, lens.width_px), np.float32)
     depth_m = np.full_like(radiance, FAR_M)
+    paint = _paint(surfaces)
     for sample, jitter in enumerate(_JITTER_PX):
         centre = (lens.cx_px + jitter[0], lens.cy_px + jitter[1])
         polygons, sides, inverse_z, nearest = _project(
@@ -47,7 +54,7 @@ def render(
             sides,
             inverse_z,
             to_surface,
-            surfaces,
+            paint,
             atlas.texels,
             atlas.table,
             light_lux,
@@ -61,6 +68,22 @@ def render(
             depth_m,
         )
     return radiance, depth_m
+
+
+def _paint(surfaces: Surfaces) -> Vector:
+    return np.column_stack(
+        [
+            surfaces.texture,
+            surfaces.cutout,
+            surfaces.emitted,
+            surfaces.macro,
+            surfaces.uv_scale,
+            surfaces.uv_offset,
+            surfaces.light_table,
+            1.0 / surfaces.length_m,
+            surfaces.tint,
+        ]
+    ).astype(np.float64)
 
 
 def _pixel_to_surface(
@@ -141,7 +164,7 @@ def _draw(
     sides: NDArray[np.int64],
     inverse_z: Vector,
     to_surface: Vector,
-    surfaces: Surfaces,
+    paint: Vector,
     texels: Floats,
     table: NDArray[np.int64],
     light: Floats,
@@ -171,7 +194,7 @@ def _draw(
                 sides,
                 inverse_z,
                 to_surface,
-                surfaces,
+                paint,
                 texels,
                 table,
                 best,
@@ -186,7 +209,7 @@ def _draw(
                     value = _sky_radiance(sky, channel, rotation, (x - cx) / f, (y - cy) / f)
                 else:
                     value = _surface_radiance(
-                        q, channel, x, y, to_surface, surfaces, texels, table, light
+                        q, channel, x, y, to_surface, paint, texels, table, light
                     )
                 radiance[y, x] += weight * value
                 if first and q >= 0:
@@ -201,7 +224,7 @@ def _cover(
     sides: NDArray[np.int64],
     inverse_z: Vector,
     to_surface: Vector,
-    surfaces: Surfaces,
+    paint: Vector,
     texels: Floats,
     table: NDArray[np.int64],
     best: Floats,
@@ -215,7 +238,7 @@ def _cover(
     for i in range(n):
         low = min(low, polygons[q, i, 1])
         high = max(high, polygons[q, i, 1])
-    cutout = surfaces.cutout[q]
+    cutout = int(paint[q, _CUTOUT])
     for y in range(max(top, math.ceil(low)), min(top + rows - 1, math.floor(high)) + 1):
         left = 1e9
         right = -1e9
@@ -237,7 +260,7 @@ def _cover(
         closeness = inverse_z[q, 0] * start + inverse_z[q, 1] * y + inverse_z[q, 2]
         for x in range(start, stop + 1):
             if closeness > best[row, x] and (
-                cutout < 0 or _opaque(q, cutout, x, y, to_surface, surfaces, texels, table)
+                cutout < 0 or _opaque(q, cutout, x, y, to_surface, paint, texels, table)
             ):
                 best[row, x] = closeness
                 owner[row, x] = q
@@ -251,14 +274,21 @@ def _opaque(
     x: int,
     y: int,
     to_surface: Vector,
-    surfaces: Surfaces,
+    paint: Vector,
     texels: Floats,
     table: NDArray[np.int64],
 ) -> bool:
-    m = to_surface[q]
-    w = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-    u = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) / w * surfaces.uv_scale[q, 0]
-    v = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) / w * surfaces.uv_scale[q, 1]
+    w = to_surface[q, 2, 0] * x + to_surface[q, 2, 1] * y + to_surface[q, 2, 2]
+    u = (
+        (to_surface[q, 0, 0] * x + to_surface[q, 0, 1] * y + to_surface[q, 0, 2])
+        / w
+        * paint[q, _U_SCALE]
+    )
+    v = (
+        (to_surface[q, 1, 0] * x + to_surface[q, 1, 1] * y + to_surface[q, 1, 2])
+        / w
+        * paint[q, _V_SCALE]
+    )
     wide = 1 << table[cutout, 1]
     high = 1 << table[cutout, 2]
     ix = int(u * wide) & (wide - 1)
@@ -296,30 +326,29 @@ def _surface_radiance(
     x: int,
     y: int,
     to_surface: Vector,
-    surfaces: Surfaces,
+    paint: Vector,
     texels: Floats,
     table: NDArray[np.int64],
     light: Floats,
 ) -> float:
     """Lambert: albedo times baked illuminance over pi; a lamp shines by itself."""
-    if surfaces.emitted[q] > 0:
-        return float(surfaces.emitted[q] * surfaces.tint[q, channel])
-    m = to_surface[q]
-    w = 1.0 / (m[2, 0] * x + m[2, 1] * y + m[2, 2])
-    s = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * w
-    t = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * w
-    sx = (m[0, 0] - s * m[2, 0]) * w
-    sy = (m[0, 1] - s * m[2, 1]) * w
-    tx = (m[1, 0] - t * m[2, 0]) * w
-    ty = (m[1, 1] - t * m[2, 1]) * w
-    ku = surfaces.uv_scale[q, 0]
-    kv = surfaces.uv_scale[q, 1]
-    ou = surfaces.uv_offset[q, 0]
-    ov = surfaces.uv_offset[q, 1]
+    if paint[q, _EMITTED] > 0:
+        return float(paint[q, _EMITTED] * paint[q, _TINT + channel])
+    w = 1.0 / (to_surface[q, 2, 0] * x + to_surface[q, 2, 1] * y + to_surface[q, 2, 2])
+    s = (to_surface[q, 0, 0] * x + to_surface[q, 0, 1] * y + to_surface[q, 0, 2]) * w
+    t = (to_surface[q, 1, 0] * x + to_surface[q, 1, 1] * y + to_surface[q, 1, 2]) * w
+    sx = (to_surface[q, 0, 0] - s * to_surface[q, 2, 0]) * w
+    sy = (to_surface[q, 0, 1] - s * to_surface[q, 2, 1]) * w
+    tx = (to_surface[q, 1, 0] - t * to_surface[q, 2, 0]) * w
+    ty = (to_surface[q, 1, 1] - t * to_surface[q, 2, 1]) * w
+    ku = paint[q, _U_SCALE]
+    kv = paint[q, _V_SCALE]
+    ou = paint[q, _U_OFFSET]
+    ov = paint[q, _V_OFFSET]
     albedo = _filtered(
         texels,
         table,
-        surfaces.texture[q],
+        int(paint[q, _TEXTURE]),
         s * ku + ou,
         t * kv + ov,
         sx * ku,
@@ -328,7 +357,7 @@ def _surface_radiance(
         ty * kv,
         _MOST_TAPS,
     )
-    km = surfaces.macro[q]
+    km = paint[q, _MACRO]
     if km > 0:
         slow = _filtered(
             texels,
@@ -343,19 +372,19 @@ def _surface_radiance(
             2.0,
         )
         albedo *= 0.8 + 0.4 * slow
-    wide = surfaces.light_table[q, 1]
-    high = surfaces.light_table[q, 2]
-    u = min(max(s / surfaces.length_m[q, 0] * wide - 0.5, 0.0), wide - 1.001)
-    v = min(max(t / surfaces.length_m[q, 1] * high - 0.5, 0.0), high - 1.001)
+    wide = int(paint[q, _LIGHT_WIDE])
+    high = int(paint[q, _LIGHT_HIGH])
+    u = min(max(s * paint[q, _PER_A] * wide - 0.5, 0.0), wide - 1.001)
+    v = min(max(t * paint[q, _PER_B] * high - 0.5, 0.0), high - 1.001)
     iu = int(u)
     iv = int(v)
     p = u - iu
     r = v - iv
-    offset = surfaces.light_table[q, 0] + iv * wide + iu
+    offset = int(paint[q, _LIGHT]) + iv * wide + iu
     upper = light[offset] * (1 - p) + light[offset + 1] * p
     lower = light[offset + wide] * (1 - p) + light[offset + wide + 1] * p
     lux = upper * (1 - r) + lower * r
-    return float(albedo * surfaces.tint[q, channel] * lux * (1.0 / math.pi))
+    return float(albedo * paint[q, _TINT + channel] * lux * (1.0 / math.pi))
 
 
 @nb.njit(cache=True, fastmath=True, nogil=True)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from rig.core.types import Limits, Settings
@@ -32,7 +34,7 @@ def test_the_best_path_keeps_the_floor_high_before_it_sums() -> None:
 def test_the_best_path_moves_no_further_than_it_may() -> None:
     maps = np.array([[[9, 1, 1]], [[1, 1, 9]]])
     path = best_path(maps)
-    assert all(abs(a[1] - b[1]) <= 1 for a, b in zip(path, path[1:], strict=False))
+    assert all(abs(a[1] - b[1]) <= 1 for a, b in pairwise(path))
 
 
 def test_a_played_path_counts_the_inliers_between_its_frames() -> None:
