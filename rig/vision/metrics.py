@@ -27,7 +27,8 @@ _NORM = math.log(LAMBDA * (1 - DELTA) + 1)
 
 def mean_dn(image: NDArray[np.uint8]) -> float:
     """Return the mean grey of a grey picture or a mosaic, 0..255."""
-    return float(cv2.mean(image)[0])
+    mean = float(cv2.mean(image)[0])
+    return min(mean, 255.0)  # OpenCV's sum times 1/n may end a bit above a white picture's 255
 
 
 def entropy_bits(grey: NDArray[np.uint8]) -> float:

@@ -177,3 +177,8 @@ def test_shim_gradient_is_the_summed_information() -> None:
 
 def test_mean() -> None:
     assert mean_dn(np.array([[0, 1], [2, 5]], np.uint8)) == 2.0
+
+
+@pytest.mark.parametrize("shape", [(240, 320), (480, 640), (1536, 2048)])
+def test_a_white_picture_is_not_brighter_than_white(shape: tuple[int, int]) -> None:
+    assert mean_dn(np.full(shape, 255, np.uint8)) == 255.0
