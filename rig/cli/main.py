@@ -89,12 +89,15 @@ def run(arguments: list[str]) -> int:
     except RigError as error:
         _complain(error)
         return FAILED
-    except KeyboardInterrupt:
-        print("rig: interrupted", file=sys.stderr)
-        return INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()
         return OK
+    except OSError as error:
+        _complain(RigError(f"{error.filename or 'a file'}: {error.strerror or error}"))
+        return FAILED
+    except KeyboardInterrupt:
+        print("rig: interrupted", file=sys.stderr)
+        return INTERRUPTED
     return code if isinstance(code, int) else OK
 
 

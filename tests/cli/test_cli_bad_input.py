@@ -88,3 +88,15 @@ def test_a_recording_cut_short_is_named_and_repaired(
     assert run(["recover", str(cut)]) == 0
     assert run(["info", str(cut)]) == 0
     assert run(["verify", str(cut)]) in (0, 3)
+
+
+def test_a_report_that_cannot_be_written_is_named(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(race_folder, folder)
+    (folder / "report.html").unlink()
+    (folder / "report.html").mkdir()
+    code, line = complaint(capsys, "report", folder)
+    assert code == 1
+    assert "report.html" in line and "directory" in line

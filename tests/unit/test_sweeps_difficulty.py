@@ -8,15 +8,15 @@ import pytest
 from rig.drivers.scenes.worlds import open_world
 from rig.experiments.sweeps import Bench, best_fixed, best_path, settings_grid
 
+FRESH_SEEDS = (5, 6, 7)
+"""Test worlds that nobody looked at while the world family was made."""
 PLACES = (12, 28, 50, 75, 105)
 SAMPLED = range(10, 119, 4)
 BLIND = 20
-TIE = 0.98
-"""Means over three pairs vary by 0.7 to 3.1 per cent (one sigma, 8 draws of the noise, seed 2)."""
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", FRESH_SEEDS)
 def test_the_tunnel_needs_exposure_control(seed: int) -> None:
     grid = settings_grid()
     scene = open_world(
@@ -26,11 +26,10 @@ def test_the_tunnel_needs_exposure_control(seed: int) -> None:
     pairs = sorted({*SAMPLED, *(place + step for place in PLACES for step in (-1, 0, 1))})
     maps = {pair: bench.settings_map(pair, grid) for pair in pairs}
 
-    inside = 0
-    for place in PLACES:
-        mean = np.mean([maps[place + step] for step in (-1, 0, 1)], axis=0)
-        inside += mean[1:-1, 1:-1].max() >= TIE * mean.max()
-    assert inside >= 4
+    means = [np.mean([maps[place + step] for step in (-1, 0, 1)], axis=0) for place in PLACES]
+    best_cells = [np.unravel_index(int(mean.argmax()), mean.shape) for mean in means]
+    inside = [not grid.on_border((int(row), int(column))) for row, column in best_cells]
+    assert sum(inside) >= 4, best_cells
 
     drive = np.stack([maps[pair] for pair in pairs])
     assert best_fixed(drive)[1] < BLIND
