@@ -44,4 +44,4 @@ def _blindness(left: str, a: InlierStatistics, right: str, b: InlierStatistics) 
     limit = f"fewer than {BLIND_BELOW['orb']} inliers"
     if a.blind_frames == b.blind_frames == 0:
         return f"Neither was ever blind ({limit})."
-    return f"Blind ({limit}): {left} in {a.blind_frames} pictures, {right} in {b.blind_frames}."
+    return f"Blind pictures ({limit}): {left} {a.blind_frames}, {right} {b.blind_frames}."
