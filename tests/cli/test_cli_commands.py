@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from rig.cli.main import run
@@ -89,6 +91,20 @@ def test_evaluate_ranks_controllers(race_folder: Path, capsys: pytest.CaptureFix
     assert values["runs"][0] == json.loads((race_folder / "summary.json").read_text())
     (pair,) = values["paired"].values()
     assert pair["ci95"] is None, "one run claims no significance"
+
+
+def test_evaluate_takes_a_folder_of_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wide = np.random.default_rng(0).integers(0, 256, (60, 100), np.uint8)
+    wide = cv2.resize(wide, (800, 480), interpolation=cv2.INTER_NEAREST)
+    for k in range(3):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), wide[:, 8 * k : 8 * k + 640])
+    code, out, _ = said(capsys, "evaluate", tmp_path, "--json")
+    assert code == 0
+    told = json.loads(out)["pictures"][str(tmp_path)]
+    assert told["pictures"] == 3
+    assert told["orb"]["min"] > 100
 
 
 def test_report_writes_the_page_anew(race_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
