@@ -237,8 +237,9 @@ def test_writing_outside_of_a_with_block_is_refused(tmp_path: Path) -> None:
 
 
 ENDLESS = """
-import itertools, sys
+import itertools, signal, sys
 from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
 from record_samples import HEADER, record
 from rig.record.writer import RecordWriter
 with RecordWriter(Path(sys.argv[1]), HEADER, real_time=False) as recorder:
@@ -261,7 +262,10 @@ def run_until_signalled(folder: Path, *signals: int) -> int:
         for each in signals:
             process.send_signal(each)
             time.sleep(0.01)
-        process.communicate(timeout=30)
+        try:
+            process.communicate(timeout=30)
+        finally:
+            process.kill()
     return process.returncode
 
 
