@@ -75,7 +75,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
     from rig.drivers.simulated.source import Drive, simulate
 
     if address.name not in worlds.WORLDS:
-        raise _unknown("world", address.name, worlds.WORLDS, "--cameras sim:")
+        raise _unknown("world", address.name, worlds.WORLDS, f"--cameras sim:{address.name}")
     for option in address.options:
         if option not in SIMULATION_OPTIONS:
             raise _unknown("option", option, SIMULATION_OPTIONS, f"sim:{address.name}")
