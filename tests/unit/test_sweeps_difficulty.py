@@ -1,4 +1,4 @@
-"""Exposure control must matter: no fixed setting may survive a test drive, a path of them must."""
+"""Exposure control must matter: a fixed setting must fail somewhere, a changing one nowhere."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from rig.drivers.scenes.worlds import open_world
 from rig.experiments.sweeps import Bench, best_fixed, best_path, settings_grid
 
 FRESH_SEEDS = (5, 6, 7)
-"""Test worlds that nobody looked at while the world family was made."""
+"""Test worlds that were not looked at while the world family was made."""
 PLACES = (12, 28, 50, 75, 105)
-SAMPLED = range(10, 119, 4)
-BLIND = 20
+COUNTED = range(9, 119)
+"""The pair that begins at frame k is counted at frame k + 1: 10 to 119."""
+LARGEST_SHARE = 0.1
+"""What the best fixed setting may keep, at its worst pair, of what a changing one keeps."""
 
 
 @pytest.mark.heavy
@@ -23,15 +25,15 @@ def test_the_tunnel_needs_exposure_control(seed: int) -> None:
         "tunnel", seed=seed, split="test", width_px=640, height_px=480, speed_mps=13.9
     )
     bench = Bench(scene)
-    pairs = sorted({*SAMPLED, *(place + step for place in PLACES for step in (-1, 0, 1))})
-    maps = {pair: bench.settings_map(pair, grid) for pair in pairs}
+    drive = np.stack([bench.settings_map(pair, grid) for pair in COUNTED])
 
-    means = [np.mean([maps[place + step] for step in (-1, 0, 1)], axis=0) for place in PLACES]
+    around = [slice(place - 1 - COUNTED.start, place + 2 - COUNTED.start) for place in PLACES]
+    means = [drive[pairs].mean(0) for pairs in around]
     best_cells = [np.unravel_index(int(mean.argmax()), mean.shape) for mean in means]
     inside = [not grid.on_border((int(row), int(column))) for row, column in best_cells]
     assert sum(inside) >= 4, best_cells
 
-    drive = np.stack([maps[pair] for pair in pairs])
-    assert best_fixed(drive)[1] < BLIND
     path = best_path(drive, reach=4)
-    assert min(inliers[cell] for inliers, cell in zip(drive, path, strict=True)) > 200
+    kept = min(inliers[cell] for inliers, cell in zip(drive, path, strict=True))
+    assert kept > 200
+    assert best_fixed(drive)[1] <= LARGEST_SHARE * kept
