@@ -13,8 +13,7 @@ FRESH_SEEDS = (5, 6, 7)
 PLACES = (12, 28, 50, 75, 105)
 COUNTED = range(9, 119)
 """The pair that begins at frame k is counted at frame k + 1: 10 to 119."""
-LARGEST_SHARE = 0.1
-"""What the best fixed setting may keep, at its worst pair, of what a changing one keeps."""
+BLIND = 20
 
 
 @pytest.mark.heavy
@@ -34,6 +33,5 @@ def test_the_tunnel_needs_exposure_control(seed: int) -> None:
     assert sum(inside) >= 4, best_cells
 
     path = best_path(drive, reach=4)
-    kept = min(inliers[cell] for inliers, cell in zip(drive, path, strict=True))
-    assert kept > 200
-    assert best_fixed(drive)[1] <= LARGEST_SHARE * kept
+    assert min(inliers[cell] for inliers, cell in zip(drive, path, strict=True)) > 200
+    assert best_fixed(drive)[1] < BLIND
