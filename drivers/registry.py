@@ -74,11 +74,14 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
     from rig.drivers.scenes import worlds
     from rig.drivers.simulated.source import Drive, simulate
 
-    if address.name not in worlds.WORLDS:
-        raise _unknown("world", address.name, worlds.WORLDS, f"--cameras sim:{address.name}")
+    if address.name not in worlds.NAMES:
+        raise _unknown("world", address.name, worlds.NAMES, f"--cameras sim:{address.name}")
+    of_world = worlds.WORLD_OPTIONS.get(address.name, ())
+    known = (*SIMULATION_OPTIONS, *of_world)
     for option in address.options:
-        if option not in SIMULATION_OPTIONS:
-            raise _unknown("option", option, SIMULATION_OPTIONS, f"sim:{address.name}")
+        if option not in known:
+            raise _unknown("option", option, known, f"sim:{address.name}")
+    special = {name: word for name, word in address.options.items() if name in of_world}
     words = _DEFAULTS | {"seed": str(seed), "split": split} | dict(address.options)
     values = {name: _value(address, name, words[name]) for name in SIMULATION_OPTIONS}
     model = load_camera_model(values["camera"])
@@ -91,6 +94,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
         width_px=width_px,
         height_px=height_px,
         speed_mps=values["speed_mps"],
+        **special,
     )
     drive = Drive(
         model=model,
@@ -99,7 +103,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
         latency_frames=values["latency_frames"],
         decision_ms=values["decision_ms"],
     )
-    resolved = {name: _spell(value) for name, value in values.items()}
+    resolved = {name: _spell(value) for name, value in values.items()} | special
     return simulate(scene, drive, str(Address(address.scheme, address.name, resolved)))
 
 

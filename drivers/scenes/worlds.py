@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from rig.core.errors import UsageError
+from rig.core.types import Intrinsics
+from rig.drivers.scenes import chessboard, wall
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.tunnel import tunnel
-from rig.drivers.scenes.wall import wall
 from rig.drivers.scenes.world import Plan, RenderedScene, bake_world, lens_for
 
 SPLITS = ("train", "test")
@@ -23,7 +24,26 @@ class Builder(Protocol):
         ...
 
 
-WORLDS: Mapping[str, Builder] = {"tunnel": tunnel, "wall": wall}
+class Studio(Protocol):
+    """Opens a world that is looked at, not driven through."""
+
+    def __call__(self, seed: int, lens: Intrinsics, options: Mapping[str, str]) -> Scene:
+        """Return the scene; raises UsageError for an option that cannot be meant."""
+        ...
+
+
+WORLDS: Mapping[str, Builder] = {"tunnel": tunnel}
+STUDIOS: Mapping[str, Studio] = {
+    "wall": wall.open_wall,
+    "chessboard": chessboard.open_chessboard,
+}
+NAMES = (*WORLDS, *STUDIOS)
+
+WORLD_OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "wall": wall.OPTIONS,
+    "chessboard": chessboard.OPTIONS,
+}
+"""The options that only one world has."""
 
 
 def open_world(
@@ -41,19 +61,22 @@ def open_world(
     `seed` >= 0 picks the world within its `split` (train or test); the splits share no world.
     Raises UsageError for an unknown world, split or option, or a number out of range.
     """
-    if name not in WORLDS:
-        near = difflib.get_close_matches(name, WORLDS, 1)
-        hint = f"did you mean {near[0]}?" if near else f"known worlds: {', '.join(WORLDS)}"
+    if name not in NAMES:
+        near = difflib.get_close_matches(name, NAMES, 1)
+        hint = f"did you mean {near[0]}?" if near else f"known worlds: {', '.join(NAMES)}"
         raise UsageError(f"no world is called {name!r}; {hint}")
     if split not in SPLITS:
         raise UsageError(f"world {name}: split must be train or test, got {split!r}")
-    if options:
-        raise UsageError(f"world {name} has no option {next(iter(options))!r}; remove it")
+    for option in options:
+        if option not in WORLD_OPTIONS.get(name, ()):
+            raise UsageError(f"world {name} has no option {option!r}; remove it")
     if seed < 0:
         raise UsageError(f"world {name}: seed must be 0 or more, got {seed}")
     if not speed_mps > 0:
         raise UsageError(f"world {name}: speed_mps must be above 0, got {speed_mps}")
     if min(width_px, height_px) < 16:
         raise UsageError(f"world {name}: size must be at least 16x16, got {width_px}x{height_px}")
+    if name in STUDIOS:
+        return STUDIOS[name](seed, lens_for(width_px, height_px), options)
     plan = WORLDS[name](seed, split, speed_mps)
     return RenderedScene(bake_world(plan), lens_for(width_px, height_px))

@@ -140,7 +140,15 @@ def test_blur_keeps_the_colour_of_the_sky(scene: RenderedScene) -> None:
 
 
 def test_the_wall_is_even_and_stands_still() -> None:
-    wall = open_world("wall", seed=0, split="test", width_px=64, height_px=48, speed_mps=13.9)
+    wall = open_world(
+        "wall",
+        seed=0,
+        split="test",
+        width_px=64,
+        height_px=48,
+        speed_mps=13.9,
+        aperture_offset_stops="0",
+    )
     for side in ("primary", "secondary"):
         view = wall.view(side, 3.0)
         assert view.radiance_cd_m2 == pytest.approx(100.0, rel=1e-4)
