@@ -52,3 +52,7 @@ class ControllerError(RigError):
 
 class ConfigError(RigError):
     """A configuration, calibration or camera-model file does not say what it must."""
+
+
+class CalibrationError(RigError):
+    """A calibration cannot be made from what was seen, or does not belong to these cameras."""
