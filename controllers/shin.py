@@ -13,12 +13,20 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.controllers.search import Evaluation, Point, Search, nelder_mead
 from rig.core.autoexposure import AutoExposure
-from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
-from rig.vision.bayer import to_bgr
-from rig.vision.metrics import SHIN_VARIANTS, ShinScore, mean_dn, shin
+from rig.core.types import (
+    Auto,
+    Command,
+    Diagnostics,
+    Frame,
+    Limits,
+    PixelFormat,
+    Settings,
+)
+from rig.vision.metrics import SHIN_VARIANTS, ShinScore, mean_dn, sample, shin_at
 
 TOLERANCES: Mapping[str, float] = {"low": 0.02, "mid": 0.05, "high": 0.15}
 """How far the metric may leave the best before a new search; the authors published no numbers."""
@@ -38,8 +46,6 @@ FLAT_FRAMES_MAX = 3
 ARRIVED_RATIO, ARRIVED_DB = 0.01, 0.1
 WAIT_FRAMES_MAX = 8
 """A frame taken with other settings than asked is waited for, but not longer than this."""
-
-SAMPLES_ACROSS = 400
 
 
 @dataclass(slots=True)
@@ -80,7 +86,7 @@ class ShinController:
         if self.evaluations_max < 3:
             raise ValueError(f"evaluations_max must be >= 3, got {self.evaluations_max!r}")
         self._command = Auto().start
-        shin(np.zeros((32, 32, 3), np.uint8), self.variant)  # compiled before the first frame
+        _measure(np.zeros((32, 32), np.uint8), "bayer_rggb8", self.variant)  # compiled by now
 
     def reset(self, limits: Limits) -> Command:
         """Forget the search and return the first settings: 1 ms and 0 dB, inside `limits`."""
@@ -92,7 +98,7 @@ class ShinController:
 
     def step(self, frame: Frame) -> Command:
         """Take the frame as an evaluation, or hold while its metric stays near the best."""
-        self._score = score = _measure(frame, self.variant)
+        self._score = score = _measure(frame.image, frame.pixel_format, self.variant)
         self._flat_frames = self._flat_frames + 1 if score.flat else 0
         if self._search is not None and self._flat_frames < FLAT_FRAMES_MAX:
             return self._continue_search(self._search, frame.used, score)
@@ -193,15 +199,10 @@ def _moved(value: float, change: float, least: float, limits: tuple[float, float
     return max(limits, key=lambda limit: abs(limit - value))
 
 
-def _measure(frame: Frame, variant: str) -> ShinScore:
-    """Return the metric of a frame, from about 400 samples across.
-
-    The stride is odd, so that the samples see every place of the mosaic alike.
-    """
-    stride = max(frame.image.shape[1] // SAMPLES_ACROSS, 1) | 1
-    colour = frame.pixel_format != "mono8"
-    picture = to_bgr(frame.image, frame.pixel_format) if colour else frame.image
-    return shin(picture, variant, stride)
+def _measure(image: NDArray[np.uint8], pixel_format: PixelFormat, variant: str) -> ShinScore:
+    """Return the metric of a sample of the picture."""
+    part = sample(image, pixel_format)
+    return shin_at(part.colour(), part.places, variant)
 
 
 def _arrived(used: Settings, asked: Settings) -> bool:
