@@ -63,6 +63,11 @@ class Bench:
         self._front_end = OrbFrontEnd()
         self._last: tuple[int, SettingsGrid, list[OrbFeatures]] | None = None
 
+    @property
+    def version(self) -> str:
+        """Return the version of the world that the camera looks at."""
+        return self._scene.world_version
+
     def picture(self, frame: int, settings: Settings, noise_seed: int) -> NDArray[np.uint8]:
         """Return the Bayer picture of one frame taken with `settings`."""
         view = self._scene.view("primary", frame / self._rate_hz)
@@ -80,18 +85,24 @@ class Bench:
         Both frames use the cell's settings. The noise is fresh for each frame and cell. Pairs in
         their order take half the time: the features of the last frame are kept.
         """
-        before = self._kept(pair, grid) or self._grid_features(pair, grid)
-        after = self._grid_features(pair + 1, grid)
-        self._last = (pair + 1, grid, after)
-        inliers = [self._front_end.match(a, b).inliers for a, b in zip(before, after, strict=True)]
+        before, after = self.grid_features(pair, grid), self.grid_features(pair + 1, grid)
+        inliers = [self.inliers(a, b) for a, b in zip(before, after, strict=True)]
         return np.array(inliers, np.int64).reshape(grid.shape)
 
-    def _kept(self, frame: int, grid: SettingsGrid) -> list[OrbFeatures] | None:
+    def inliers(self, before: OrbFeatures, after: OrbFeatures) -> int:
+        """Return the inlier matches of two pictures, as races count them."""
+        return self._front_end.match(before, after).inliers
+
+    def grid_features(self, frame: int, grid: SettingsGrid) -> list[OrbFeatures]:
+        """Return the features of one frame for every cell of the grid, gain by gain.
+
+        Those of the last frame asked for are kept.
+        """
         if self._last is None or self._last[:2] != (frame, grid):
-            return None
+            self._last = (frame, grid, self._found(frame, grid))
         return self._last[2]
 
-    def _grid_features(self, frame: int, grid: SettingsGrid) -> list[OrbFeatures]:
+    def _found(self, frame: int, grid: SettingsGrid) -> list[OrbFeatures]:
         view = self._scene.view("primary", frame / self._rate_hz)
         found: list[OrbFeatures] = []
         for exposure_us in grid.exposures_us:

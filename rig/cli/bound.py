@@ -1,0 +1,62 @@
+"""`rig bound CAMERAS`: how well the best controller could do on a drive, knowing the future."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from rig.cli.exits import OK
+from rig.cli.options import DEFAULT_CAMERAS
+from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+
+
+def bound(
+    cameras: str = DEFAULT_CAMERAS,
+    /,
+    *,
+    frames: int | None = None,
+    seed: int = 0,
+    exposures: int = 10,
+    gains: int = 5,
+    processes: int | None = None,
+    terminal: Terminal = DEFAULT_TERMINAL,
+) -> int:
+    """Work out the best median and minimum of inliers that any controller could reach.
+
+    Counts are kept in the user's cache: after Ctrl-C the same command goes on.
+
+    Parameters
+    ----------
+    cameras:
+        Address of a simulated pair, such as sim:tunnel?seed=3.
+    frames:
+        The first so many triggers; the whole drive when absent.
+    seed:
+        Picks the world unless the address does.
+    exposures:
+        Exposure times to try at every pose, at least 10.
+    gains:
+        Gains to try with each of them, at least 4.
+    processes:
+        How many to work in; one a core when absent.
+    """
+    from rig.experiments.bound import find_bound
+
+    with terminal.progress("trying settings", None) as advance:
+        found = find_bound(
+            cameras,
+            seed=seed,
+            frames=frames,
+            grid=(exposures, gains),
+            processes=processes,
+            progress=advance,
+        )
+    best = found.best_constant
+    terminal.result(
+        f"SIMULATED: {found.cameras}\n"
+        f"best median {found.best_median}, best minimum {found.best_min}: each by a path of its "
+        f"own over {exposures} x {gains} settings\n"
+        f"best constant {best.settings.exposure_us:.0f} us, {best.settings.gain_db:g} dB: "
+        f"median {best.median:.0f}, minimum {best.min}",
+        asdict(found),
+    )
+    return OK

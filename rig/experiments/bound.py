@@ -1,0 +1,269 @@
+"""What the best controller could reach on a drive, by one that knows the future.
+
+Every setting of a grid is tried at every pose, and the inliers of every move between two settings
+from one pose to the next are counted with the recipe that judges races. Moves are pruned to
+neighbours: see `Reach`. A path through the drive is then chosen in hindsight, another one for each
+figure, so no controller on the grid does better, and one that ties both figures need not exist.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cache, partial
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.errors import UsageError
+from rig.core.types import Settings
+from rig.drivers.registry import Address, open_source, parse_address
+from rig.drivers.scenes.cache import cache_folder, cached
+from rig.drivers.simulated.source import SimulatedSource
+from rig.experiments.sweeps import Bench, Counts, SettingsGrid, settings_grid
+from rig.models.workers import in_processes, process_count
+
+WARM_UP_PAIRS = 10
+"""Pairs that are recorded but not counted."""
+
+RECIPE = "1"
+"""Counts the ways in which bounds were worked out; a stored one of another way is not used."""
+
+DB_PER_STOP = 20 * math.log10(2)
+
+_NO_MOVE = -1
+_PAIRS_A_PIECE = 5
+_SMALLEST_GRID = (10, 4)
+_OF_THE_DRIVE_ONLY = ("decision_ms", "latency_frames")
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How far the settings may move from one frame to the next.
+
+    At most so many steps of the grid for exposure and gain, and a change of brightness (exposure
+    times gain) of at most `brightness_ev`: further moves cost more matches than they win.
+    """
+
+    exposures: int = 2
+    gains: int = 1
+    brightness_ev: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """The constant settings with the best median (of equal ones the best minimum)."""
+
+    settings: Settings
+    median: float
+    min: int
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """The best median and the best minimum of inliers that any path over the grid has.
+
+    `grid` is (number of exposures, number of gains), `pairs` the number of counts.
+    """
+
+    cameras: str
+    grid: tuple[int, int]
+    best_median: int
+    best_min: int
+    best_constant: Constant
+    reach: Reach
+    pairs: int
+    world_version: str
+
+
+def find_bound(
+    cameras: str,
+    *,
+    seed: int = 0,
+    frames: int | None = None,
+    grid: tuple[int, int] = (10, 5),
+    processes: int | None = None,
+    progress: Progress | None = None,
+) -> Bound:
+    """Return the bound of the drive that `cameras` names; counts are kept in the user's cache.
+
+    `frames` is the number of triggers, the whole drive when None. Raises UsageError for cameras
+    that are not simulated, fewer than 10 x 4 settings, or a drive without counted pairs.
+    """
+    if any(n < least for n, least in zip(grid, _SMALLEST_GRID, strict=True)):
+        raise UsageError(
+            f"a bound needs at least 10 exposures x 4 gains, got {grid[0]} x {grid[1]}"
+        )
+    source = _simulated(cameras, seed)
+    triggers = frames if frames is not None else source.drive_triggers
+    first = WARM_UP_PAIRS - 1  # the count of pair k is between the frames k - 1 and k
+    if triggers - 1 <= first:
+        raise UsageError(f"--frames {triggers}: the first {WARM_UP_PAIRS} pairs are not counted")
+    work = partial(_counted, source.address, grid, Reach())
+    starts = range(first, triggers - 1, _PAIRS_A_PIECE)
+    pieces = [(start, min(start + _PAIRS_A_PIECE, triggers - 1)) for start in starts]
+    done: dict[int, Counts] = {}
+    report = progress or (lambda _done, _total: None)
+    report(0, triggers - 1 - first)
+    for start, counts in in_processes(work, pieces, process_count(processes)):
+        done[start] = counts
+        report(sum(map(len, done.values())), triggers - 1 - first)
+    moves = np.concatenate([done[start] for start in starts])
+    found = _bound_of(moves, settings_grid(*grid), source, len(moves))
+    if frames is None:
+        _remember(found)
+    return found
+
+
+def known_bound(cameras: str, world_version: str) -> Bound | None:
+    """Return the bound of a whole drive when `find_bound` has worked it out before, or None.
+
+    `cameras` is the resolved address of an opened source, as recordings and summaries carry it.
+    """
+    try:
+        values = json.loads(_memory(cameras, world_version).read_text(encoding="utf-8"))
+        constant = values.pop("best_constant")
+        best = Constant(Settings(**constant.pop("settings")), **constant)
+        reach, grid = Reach(**values.pop("reach")), tuple(values.pop("grid"))
+        return Bound(**values, best_constant=best, reach=reach, grid=grid)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def highest_minimum(moves: Counts) -> int:
+    """Return the best worst count of a path; `moves` is pairs x cells x cells, -1 is no move."""
+    floor = np.full(moves.shape[1], np.iinfo(np.int64).max)
+    for here in moves:
+        floor = np.minimum(floor[:, None], here).max(0)
+    return int(floor.max())
+
+
+def highest_median(moves: Counts) -> int:
+    """Return the largest m that at least half of the counts of some path reach, by bisection."""
+    needed = (len(moves) + 1) // 2
+    low, high = 0, int(moves.max())
+    while low < high:
+        middle = (low + high + 1) // 2
+        if most_at_least(moves, middle) >= needed:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+def most_at_least(moves: Counts, m: int) -> int:
+    """Return the largest number of counts of at least `m` that one path has."""
+    reached = np.where(moves == _NO_MOVE, -np.inf, (moves >= m).astype(float))
+    best = np.zeros(moves.shape[1])
+    for here in reached:
+        best = (best[:, None] + here).max(0)
+    return int(best.max())
+
+
+def best_constant(moves: Counts, grid: SettingsGrid) -> Constant:
+    """Return the constant with the best median; of equal medians the one with the best minimum."""
+    constant = np.diagonal(moves, axis1=1, axis2=2)
+    medians, minima = np.median(constant, 0), constant.min(0)
+    cell = int(np.lexsort((minima, medians))[-1])
+    row, column = divmod(cell, grid.shape[1])
+    return Constant(grid.settings((row, column)), float(medians[cell]), int(minima[cell]))
+
+
+def allowed_moves(grid: SettingsGrid, reach: Reach) -> NDArray[np.bool_]:
+    """Return cells x cells, whether a frame may follow another with these settings."""
+    exposures, gains = np.divmod(np.arange(grid.shape[0] * grid.shape[1]), grid.shape[1])
+    stops = np.log2(np.array(grid.exposures_us))[exposures]
+    stops += np.array(grid.gains_db)[gains] / DB_PER_STOP
+    moves = [abs(values[:, None] - values) for values in (exposures, gains, stops)]
+    limits = (reach.exposures, reach.gains, reach.brightness_ev)
+    near = [move <= limit for move, limit in zip(moves, limits, strict=True)]
+    return np.asarray(np.all(near, axis=0))
+
+
+def _bound_of(moves: Counts, grid: SettingsGrid, source: SimulatedSource, pairs: int) -> Bound:
+    return Bound(
+        cameras=source.address,
+        grid=grid.shape,
+        best_median=highest_median(moves),
+        best_min=highest_minimum(moves),
+        best_constant=best_constant(moves, grid),
+        reach=Reach(),
+        pairs=pairs,
+        world_version=source.world_version,
+    )
+
+
+def _simulated(cameras: str, seed: int) -> SimulatedSource:
+    source = open_source(cameras, seed=seed, split="test")
+    if not isinstance(source, SimulatedSource):
+        source.close()
+        raise UsageError(
+            f"{cameras}: a bound needs every setting at the same pose, which only simulated "
+            "cameras can give; try sim:tunnel"
+        )
+    return source
+
+
+def _counted(
+    cameras: str, shape: tuple[int, int], reach: Reach, piece: tuple[int, int]
+) -> tuple[int, Counts]:
+    """Return the piece's start and its moves, pairs x cells x cells, from the cache or counted."""
+    first, last = piece
+
+    def count() -> dict[str, NDArray[np.generic]]:
+        bench, grid = _bench(cameras), settings_grid(*shape)
+        allowed = allowed_moves(grid, reach)
+        moves = [_moves(bench, pair, grid, allowed) for pair in range(first, last)]
+        return {"moves": np.stack(moves).astype(np.int16)}
+
+    key = f"{_scene_of(cameras)} {_bench(cameras).version} {shape} {reach} {piece} {_method()}"
+    counted = cached("bounds", key, count)["moves"].astype(np.int64)
+    return first, counted
+
+
+def _moves(bench: Bench, pair: int, grid: SettingsGrid, allowed: NDArray[np.bool_]) -> Counts:
+    before, after = bench.grid_features(pair, grid), bench.grid_features(pair + 1, grid)
+    moves = np.full(allowed.shape, _NO_MOVE, np.int64)
+    for a, b in np.argwhere(allowed):
+        moves[a, b] = bench.inliers(before[a], after[b])
+    return moves
+
+
+@cache
+def _bench(cameras: str) -> Bench:
+    """Return the bench of an address, one a process, so that its world is opened once."""
+    source = _simulated(cameras, 0)
+    camera = parse_address(source.address).options["camera"]
+    rate_hz = 1 / source.drive.scene_time_s(1)
+    return Bench(source.scene, camera, rate_hz)
+
+
+def _scene_of(cameras: str) -> str:
+    """Return an address without the options that change no picture of given settings."""
+    parsed = parse_address(cameras)
+    kept = {k: v for k, v in parsed.options.items() if k not in _OF_THE_DRIVE_ONLY}
+    return str(Address(parsed.scheme, parsed.name, kept))
+
+
+def _method() -> str:
+    return f"{version('exposure-rig')} {RECIPE}"
+
+
+def _memory(cameras: str, world_version: str) -> Path:
+    words = f"{_scene_of(cameras)} {world_version} {_method()}"
+    return cache_folder() / "bounds" / f"{hashlib.sha256(words.encode()).hexdigest()[:24]}.json"
+
+
+def _remember(found: Bound) -> None:
+    path = _memory(found.cameras, found.world_version)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(".part")
+    unfinished.write_text(json.dumps(asdict(found)), encoding="utf-8")
+    unfinished.replace(path)

@@ -1,0 +1,109 @@
+"""The bound against every path there is, on drives small enough to list them."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.core.errors import UsageError
+from rig.drivers.scenes.cache import Arrays
+from rig.experiments import bound
+from rig.experiments.bound import (
+    Reach,
+    allowed_moves,
+    best_constant,
+    find_bound,
+    highest_median,
+    highest_minimum,
+    known_bound,
+    most_at_least,
+)
+from rig.experiments.sweeps import Counts, settings_grid
+
+SMALL = "sim:wall?split=train&size=160x120"
+
+
+def random_moves(seed: int, pairs: int = 5, cells: int = 4) -> Counts:
+    rng = np.random.default_rng(seed)
+    moves = rng.integers(0, 30, (pairs, cells, cells))
+    moves[:, 0, 3] = moves[:, 3, 0] = -1
+    return moves
+
+
+def every_path(moves: Counts) -> list[list[int]]:
+    cells = moves.shape[1]
+    paths = product(range(cells), repeat=len(moves) + 1)
+    counts = [
+        [int(here[a, b]) for here, (a, b) in zip(moves, pairwise(path), strict=True)]
+        for path in paths
+    ]
+    return [path for path in counts if min(path) >= 0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_path_does_better_and_one_does_as_well(seed: int) -> None:
+    moves = random_moves(seed)
+    paths = every_path(moves)
+    assert highest_minimum(moves) == max(min(path) for path in paths)
+    assert highest_median(moves) == max(sorted(path)[len(path) // 2] for path in paths)
+    reached = max(sum(count >= 12 for count in path) for path in paths)
+    assert most_at_least(moves, 12) == reached
+
+
+def test_half_of_an_even_number_of_counts_is_enough_for_the_median() -> None:
+    moves = np.array([9, 1, 9, 1])[:, None, None]
+    assert highest_median(moves) == 9
+
+
+def test_the_best_constant_has_the_best_median_and_then_the_best_minimum() -> None:
+    grid = settings_grid(2, 2)
+    constant = np.array([[5, 7, 7, 0], [5, 9, 9, 0], [5, 1, 2, 50]])
+    moves = np.full((3, 4, 4), 99)
+    moves[:, np.arange(4), np.arange(4)] = constant
+    best = best_constant(moves, grid)
+    assert (best.settings, best.median, best.min) == (grid.settings((1, 0)), 7.0, 2)
+
+
+def test_moves_are_pruned_to_neighbours_of_much_the_same_brightness() -> None:
+    grid = settings_grid()
+    allowed = allowed_moves(grid, Reach()).reshape(10, 5, 10, 5)
+    assert set(map(tuple, np.argwhere(allowed[5, 2]))) == {
+        *((row, 2) for row in range(3, 8)),
+        *((row, 3) for row in range(3, 6)),
+        *((row, 1) for row in range(5, 8)),
+    }
+
+
+def test_a_drive_has_a_bound_that_no_constant_beats_and_that_is_remembered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bound, "cache_folder", lambda: tmp_path)
+    kept: dict[str, Arrays] = {}
+    monkeypatch.setattr(bound, "cached", lambda _, key, make: kept.setdefault(key, make()))
+    told: list[int] = []
+    found = find_bound(SMALL, frames=12, processes=1, progress=lambda done, _: told.append(done))
+    assert found.pairs == 2 and told == [0, 2]
+    assert found.grid == (10, 5)
+    assert found.best_median >= found.best_constant.median
+    assert found.best_min >= found.best_constant.min
+    assert known_bound(found.cameras, found.world_version) is None, "not the whole drive"
+    bound._remember(found)
+    assert known_bound(found.cameras, found.world_version) == found
+    assert known_bound(found.cameras, "another/1") is None
+    assert known_bound(found.cameras + "&light_step=10@30", found.world_version) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"grid": (9, 4)}, "at least 10 exposures x 4 gains"),
+        ({"frames": 10}, "not counted"),
+        ({"processes": 0}, "--processes"),
+    ],
+)
+def test_a_bound_that_means_nothing_is_refused(options: dict[str, object], complaint: str) -> None:
+    with pytest.raises(UsageError, match=complaint):
+        find_bound(SMALL, **options)  # type: ignore[arg-type]
