@@ -40,6 +40,10 @@ COMMANDS = {
         "Judge recordings, videos, or folders of pictures, and rank the controllers.",
         "rig evaluate runs/*-race --json",
     ),
+    "bound": Told(
+        "Work out the best median and minimum of inliers that any controller could reach.",
+        "rig bound 'sim:tunnel?seed=3' --json",
+    ),
     "report": Told(
         "Write summary.json and report.html of recordings anew.",
         "rig report runs/20260714-101500-race",
