@@ -48,8 +48,15 @@ class Quad:
     solid: bool = True
 
 
+# Columns of `Surfaces.paint`; one plain array is far faster in kernels than many.
+TEXTURE, CUTOUT, EMITTED, MACRO_PER_M = range(4)
+U_SCALE, V_SCALE, U_OFFSET, V_OFFSET = range(4, 8)
+LIGHT, LIGHT_WIDE, LIGHT_HIGH, PER_A, PER_B = range(8, 13)
+TINT = 13
+
+
 class Surfaces(NamedTuple):
-    """The quads as arrays, row by row; what the kernels read."""
+    """The quads as arrays, row by row; what the kernels read. `paint` is what shading needs."""
 
     corners: NDArray[np.float64]
     origin: NDArray[np.float64]
@@ -57,16 +64,11 @@ class Surfaces(NamedTuple):
     along_b: NDArray[np.float64]
     normal: NDArray[np.float64]
     length_m: NDArray[np.float64]
-    texture: NDArray[np.int64]
-    cutout: NDArray[np.int64]
-    uv_scale: NDArray[np.float64]
-    uv_offset: NDArray[np.float64]
-    macro: NDArray[np.float64]
-    tint: NDArray[np.float32]
     emitted: NDArray[np.float64]
     solid: NDArray[np.bool_]
     albedo: NDArray[np.float64]
     light_table: NDArray[np.int64]
+    paint: NDArray[np.float64]
 
 
 _LARGEST_LIGHTMAP = 48
@@ -222,7 +224,12 @@ def surfaces(quads: Sequence[Quad], atlas: Atlas) -> Surfaces:
     density = np.array([quad.texels_per_m for quad in quads])[:, None]
     texels = np.clip(np.ceil(length * density), 2, _LARGEST_LIGHTMAP).astype(np.int64)
     ends = np.cumsum(texels.prod(1))
+    light_table = np.concatenate([(ends - texels.prod(1))[:, None], texels], 1)
+    emitted = np.array([quad.emitted_cd_m2 for quad in quads])
     masks = [-1 if quad.cutout is None else atlas.index(quad.cutout) for quad in quads]
+    macro = [quad.material.macro_per_m for quad in quads]
+    singles = np.stack([texture, np.array(masks), emitted, np.array(macro)], 1)
+    offsets = np.array([quad.offset for quad in quads])
     return Surfaces(
         corners=corners,
         origin=np.ascontiguousarray(corners[:, 0]),
@@ -230,14 +237,11 @@ def surfaces(quads: Sequence[Quad], atlas: Atlas) -> Surfaces:
         along_b=along_b,
         normal=normal,
         length_m=length,
-        texture=texture,
-        cutout=np.array(masks),
-        uv_scale=1.0 / np.array(tiles),
-        uv_offset=np.array([quad.offset for quad in quads]),
-        macro=np.array([quad.material.macro_per_m for quad in quads]),
-        tint=tint.astype(np.float32),
-        emitted=np.array([quad.emitted_cd_m2 for quad in quads]),
+        emitted=emitted,
         solid=np.array([quad.solid for quad in quads]),
         albedo=atlas.mean[texture] * (tint @ [0.25, 0.5, 0.25]),
-        light_table=np.concatenate([(ends - texels.prod(1))[:, None], texels], 1),
+        light_table=light_table,
+        paint=np.concatenate(
+            [singles, 1 / np.array(tiles), offsets, light_table, 1 / length, tint], 1
+        ),
     )

@@ -1,4 +1,4 @@
-"""What a surface or the sky sends to a pixel: textures, baked light, tint, cut-outs."""
+"""What a surface or the sky sends to a row of pixels: textures, baked light, tint, cut-outs."""
 
 from __future__ import annotations
 
@@ -8,219 +8,178 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.drivers.scenes.geometry import Surfaces
+from rig.drivers.scenes.geometry import (
+    CUTOUT,
+    EMITTED,
+    LIGHT,
+    LIGHT_HIGH,
+    LIGHT_WIDE,
+    MACRO_PER_M,
+    PER_A,
+    PER_B,
+    TEXTURE,
+    TINT,
+    U_OFFSET,
+    U_SCALE,
+    V_OFFSET,
+    V_SCALE,
+)
+from rig.drivers.scenes.sampling import IN_ORDER, filtered, turns
 from rig.drivers.scenes.trajectories import Vector
 
 Floats = NDArray[np.float32]
 
-# Columns of the table of what shading needs of each quad; plain arrays are far faster in kernels.
-_TEXTURE, CUTOUT, _EMITTED, _MACRO = range(4)
-_U_SCALE, _V_SCALE, _U_OFFSET, _V_OFFSET = range(4, 8)
-_LIGHT, _LIGHT_WIDE, _LIGHT_HIGH, _PER_A, _PER_B = range(8, 13)
-_TINT = 13
-
 _MOST_TAPS = 8.0
-
-
-def paint_table(surfaces: Surfaces) -> Vector:
-    """Return what shading needs of each quad, one row a quad, in the columns named above."""
-    return np.column_stack(
-        [
-            surfaces.texture,
-            surfaces.cutout,
-            surfaces.emitted,
-            surfaces.macro,
-            surfaces.uv_scale,
-            surfaces.uv_offset,
-            surfaces.light_table,
-            1.0 / surfaces.length_m,
-            surfaces.tint,
-        ]
-    ).astype(np.float64)
+_MACRO_TAPS = 2.0
 
 
 @nb.njit(cache=True, fastmath=True, nogil=True)
 def opaque(
-    q: int,
-    cutout: int,
-    x: int,
-    y: int,
-    to_surface: Vector,
-    paint: Vector,
-    texels: Floats,
-    table: NDArray[np.int64],
+    x: float, y: float, to_surface: Vector, paint: Vector, texels: Floats, table: NDArray[np.int64]
 ) -> bool:
-    """Return whether a cut-out quad (leaves, a fence) has material at pixel (x, y)."""
-    w = to_surface[q, 2, 0] * x + to_surface[q, 2, 1] * y + to_surface[q, 2, 2]
-    u = (
-        (to_surface[q, 0, 0] * x + to_surface[q, 0, 1] * y + to_surface[q, 0, 2])
-        / w
-        * paint[q, _U_SCALE]
-    )
-    v = (
-        (to_surface[q, 1, 0] * x + to_surface[q, 1, 1] * y + to_surface[q, 1, 2])
-        / w
-        * paint[q, _V_SCALE]
-    )
+    """Return whether a cut-out quad (leaves, a fence) has material at the place (x, y)."""
+    w = 1.0 / (to_surface[6] * x + to_surface[7] * y + to_surface[8])
+    s = (to_surface[0] * x + to_surface[1] * y + to_surface[2]) * w
+    t = (to_surface[3] * x + to_surface[4] * y + to_surface[5]) * w
+    cutout = int(paint[CUTOUT])
     wide = 1 << table[cutout, 1]
     high = 1 << table[cutout, 2]
-    ix = int(u * wide) & (wide - 1)
-    iy = int(v * high) & (high - 1)
+    ix = int(s * paint[U_SCALE] * wide) & (wide - 1)
+    iy = int(t * paint[V_SCALE] * high) & (high - 1)
     return bool(texels[table[cutout, 0] + iy * wide + ix] > 0.5)
 
 
 @nb.njit(cache=True, fastmath=True, nogil=True)
-def sky_radiance(sky: Floats, channel: int, rotation: Vector, a: float, b: float) -> float:
-    """Look up the panorama along the ray (a, b, 1) of the optical frame."""
-    dx = rotation[0, 0] * a + rotation[1, 0] * b + rotation[2, 0]
-    dy = rotation[0, 1] * a + rotation[1, 1] * b + rotation[2, 1]
-    dz = rotation[0, 2] * a + rotation[1, 2] * b + rotation[2, 2]
+def add_sky(
+    sky: Floats,
+    rotation: Vector,
+    first: tuple[float, float, float],
+    channels: tuple[int, int],
+    weight: float,
+    row: Floats,
+) -> None:
+    """Add to a run of pixels what the panorama shows along their rays.
+
+    The ray of pixel i is (a + i * step, b, 1) in the optical frame, `first` holds a, b and step;
+    `channels` are those of the first and the second pixel, then of every other one.
+    """
     high = sky.shape[1]
     wide = sky.shape[2]
-    u = (math.atan2(dx, dz) * (0.5 / math.pi) + 0.5) * wide - 0.5
-    v = (0.5 - math.atan2(dy, math.sqrt(dx * dx + dz * dz)) / math.pi) * high - 0.5
-    v = min(max(v, 0.0), high - 1.001)
-    fu = math.floor(u)
-    iu = int(fu)
-    iv = int(v)
-    p = u - fu
-    r = v - iv
-    i0 = iu % wide
-    i1 = (iu + 1) % wide
-    upper = sky[channel, iv, i0] * (1 - p) + sky[channel, iv, i1] * p
-    lower = sky[channel, iv + 1, i0] * (1 - p) + sky[channel, iv + 1, i1] * p
-    return float(upper * (1 - r) + lower * r)
+    for i in range(row.size):
+        a = first[0] + i * first[2]
+        dx = rotation[0, 0] * a + rotation[1, 0] * first[1] + rotation[2, 0]
+        dy = rotation[0, 1] * a + rotation[1, 1] * first[1] + rotation[2, 1]
+        dz = rotation[0, 2] * a + rotation[1, 2] * first[1] + rotation[2, 2]
+        u = (turns(dx, dz) + 0.5) * wide - 0.5
+        v = (0.5 - 2.0 * turns(dy, math.sqrt(dx * dx + dz * dz))) * high - 0.5
+        v = min(max(v, 0.0), high - 1.001)
+        iu = int(u + 1.0) - 1
+        iv = int(v)
+        p = u - iu
+        r = v - iv
+        i0 = iu if iu >= 0 else wide - 1
+        i1 = iu + 1 if iu + 1 < wide else 0
+        channel = channels[i & 1]
+        upper = sky[channel, iv, i0] * (1 - p) + sky[channel, iv, i1] * p
+        lower = sky[channel, iv + 1, i0] * (1 - p) + sky[channel, iv + 1, i1] * p
+        row[i] += np.float32(weight * (upper * (1 - r) + lower * r))
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
-def surface_radiance(
-    q: int,
-    channel: int,
-    x: int,
-    y: int,
+@nb.njit(cache=True, fastmath=IN_ORDER, nogil=True)
+def add_surface(
     to_surface: Vector,
     paint: Vector,
+    x: float,
+    y: float,
+    channels: tuple[int, int],
+    weight: float,
     texels: Floats,
     table: NDArray[np.int64],
     light: Floats,
-) -> float:
-    """Lambert: albedo times baked illuminance over pi; a lamp shines by itself."""
-    if paint[q, _EMITTED] > 0:
-        return float(paint[q, _EMITTED] * paint[q, _TINT + channel])
-    w = 1.0 / (to_surface[q, 2, 0] * x + to_surface[q, 2, 1] * y + to_surface[q, 2, 2])
-    s = (to_surface[q, 0, 0] * x + to_surface[q, 0, 1] * y + to_surface[q, 0, 2]) * w
-    t = (to_surface[q, 1, 0] * x + to_surface[q, 1, 1] * y + to_surface[q, 1, 2]) * w
-    sx = (to_surface[q, 0, 0] - s * to_surface[q, 2, 0]) * w
-    sy = (to_surface[q, 0, 1] - s * to_surface[q, 2, 1]) * w
-    tx = (to_surface[q, 1, 0] - t * to_surface[q, 2, 0]) * w
-    ty = (to_surface[q, 1, 1] - t * to_surface[q, 2, 1]) * w
-    ku = paint[q, _U_SCALE]
-    kv = paint[q, _V_SCALE]
-    ou = paint[q, _U_OFFSET]
-    ov = paint[q, _V_OFFSET]
-    albedo = _filtered(
-        texels,
-        table,
-        int(paint[q, _TEXTURE]),
-        s * ku + ou,
-        t * kv + ov,
-        sx * ku,
-        tx * kv,
-        sy * ku,
-        ty * kv,
-        _MOST_TAPS,
+    row: Floats,
+) -> None:
+    """Add to a run of pixels from (x, y) on what one quad sends there.
+
+    Lambert: albedo times baked illuminance over pi; a lamp shines by itself.
+    """
+    tint = (paint[TINT + channels[0]], paint[TINT + channels[1]])
+    if paint[EMITTED] > 0:
+        for i in range(row.size):
+            row[i] += np.float32(weight * paint[EMITTED] * tint[i & 1])
+        return
+    h0, h1, h3, h4, h6, h7 = (
+        to_surface[0],
+        to_surface[1],
+        to_surface[3],
+        to_surface[4],
+        to_surface[6],
+        to_surface[7],
     )
-    km = paint[q, _MACRO]
-    if km > 0:
-        slow = _filtered(
+    s_at_0 = h1 * y + to_surface[2]
+    t_at_0 = h4 * y + to_surface[5]
+    w_at_0 = h7 * y + to_surface[8]
+    texture = int(paint[TEXTURE])
+    first, wide_bits, high_bits, levels = table[texture]
+    macro_first, macro_wide_bits, macro_high_bits, macro_levels = table[0]
+    ku = paint[U_SCALE]
+    kv = paint[V_SCALE]
+    ou = paint[U_OFFSET]
+    ov = paint[V_OFFSET]
+    km = paint[MACRO_PER_M]
+    light_first = int(paint[LIGHT])
+    light_wide = int(paint[LIGHT_WIDE])
+    per_a = paint[PER_A] * light_wide
+    per_b = paint[PER_B] * paint[LIGHT_HIGH]
+    last_a = light_wide - 1.001
+    last_b = paint[LIGHT_HIGH] - 1.001
+    scale = weight / math.pi
+    for i in range(row.size):
+        at = x + i
+        w = 1.0 / (h6 * at + w_at_0)
+        s = (h0 * at + s_at_0) * w
+        t = (h3 * at + t_at_0) * w
+        sx = (h0 - s * h6) * w
+        sy = (h1 - s * h7) * w
+        tx = (h3 - t * h6) * w
+        ty = (h4 - t * h7) * w
+        albedo = filtered(
             texels,
-            table,
-            0,
-            s * km + 0.61 * ov,
-            t * km + 0.37 * ou,
-            sx * km,
-            tx * km,
-            sy * km,
-            ty * km,
-            2.0,
+            first,
+            wide_bits,
+            high_bits,
+            levels,
+            s * ku + ou,
+            t * kv + ov,
+            sx * ku,
+            tx * kv,
+            sy * ku,
+            ty * kv,
+            _MOST_TAPS,
         )
-        albedo *= 0.8 + 0.4 * slow
-    wide = int(paint[q, _LIGHT_WIDE])
-    high = int(paint[q, _LIGHT_HIGH])
-    u = min(max(s * paint[q, _PER_A] * wide - 0.5, 0.0), wide - 1.001)
-    v = min(max(t * paint[q, _PER_B] * high - 0.5, 0.0), high - 1.001)
-    iu = int(u)
-    iv = int(v)
-    p = u - iu
-    r = v - iv
-    offset = int(paint[q, _LIGHT]) + iv * wide + iu
-    upper = light[offset] * (1 - p) + light[offset + 1] * p
-    lower = light[offset + wide] * (1 - p) + light[offset + wide + 1] * p
-    lux = upper * (1 - r) + lower * r
-    return float(albedo * paint[q, _TINT + channel] * lux * (1.0 / math.pi))
-
-
-@nb.njit(cache=True, fastmath=True, nogil=True)
-def _filtered(
-    texels: Floats,
-    table: NDArray[np.int64],
-    k: int,
-    u: float,
-    v: float,
-    ux: float,
-    vx: float,
-    uy: float,
-    vy: float,
-    most_taps: float,
-) -> float:
-    """Sample a texture anisotropically: taps along the longer footprint axis, trilinear."""
-    wide = 1 << table[k, 1]
-    high = 1 << table[k, 2]
-    levels = table[k, 3]
-    across = math.sqrt((ux * wide) ** 2 + (vx * high) ** 2)
-    down = math.sqrt((uy * wide) ** 2 + (vy * high) ** 2)
-    if across > down:
-        longer, shorter, du, dv = across, down, ux, vx
-    else:
-        longer, shorter, du, dv = down, across, uy, vy
-    shorter = max(shorter, longer / most_taps, 1e-6)
-    taps = int(min(max(math.ceil(longer / shorter - 0.25), 1.0), most_taps))
-    lod = max(0.0, math.log2(shorter))
-    level = int(lod)
-    between = lod - level
-    if level >= levels - 1:
-        level = levels - 1
-        between = 0.0
-    offset = table[k, 0]
-    for _ in range(level):
-        offset += wide * high
-        wide >>= 1
-        high >>= 1
-    total = 0.0
-    for i in range(taps):
-        a = (i + 0.5) / taps - 0.5
-        value = _bilinear(texels, offset, wide, high, u + a * du, v + a * dv)
-        if between > 0.02:
-            coarse = _bilinear(
-                texels, offset + wide * high, wide >> 1, high >> 1, u + a * du, v + a * dv
+        if km > 0:
+            slow = filtered(
+                texels,
+                macro_first,
+                macro_wide_bits,
+                macro_high_bits,
+                macro_levels,
+                s * km + 0.61 * ov,
+                t * km + 0.37 * ou,
+                sx * km,
+                tx * km,
+                sy * km,
+                ty * km,
+                _MACRO_TAPS,
             )
-            value = value * (1 - between) + coarse * between
-        total += value
-    return total / taps
-
-
-@nb.njit(cache=True, fastmath=True, nogil=True, inline="always")
-def _bilinear(texels: Floats, offset: int, wide: int, high: int, u: float, v: float) -> float:
-    x = u * wide - 0.5
-    y = v * high - 0.5
-    fx = math.floor(x)
-    fy = math.floor(y)
-    p = x - fx
-    r = y - fy
-    x0 = int(fx) & (wide - 1)
-    y0 = int(fy) & (high - 1)
-    x1 = (x0 + 1) & (wide - 1)
-    y1 = (y0 + 1) & (high - 1)
-    upper = texels[offset + y0 * wide + x0] * (1 - p) + texels[offset + y0 * wide + x1] * p
-    lower = texels[offset + y1 * wide + x0] * (1 - p) + texels[offset + y1 * wide + x1] * p
-    return float(upper * (1 - r) + lower * r)
+            albedo *= 0.8 + 0.4 * slow
+        u = min(max(s * per_a - 0.5, 0.0), last_a)
+        v = min(max(t * per_b - 0.5, 0.0), last_b)
+        iu = int(u)
+        iv = int(v)
+        p = u - iu
+        r = v - iv
+        near = light_first + iv * light_wide + iu
+        upper = light[near] * (1 - p) + light[near + 1] * p
+        lower = light[near + light_wide] * (1 - p) + light[near + light_wide + 1] * p
+        lux = upper * (1 - r) + lower * r
+        row[i] += np.float32(albedo * lux * scale * tint[i & 1])
