@@ -72,6 +72,13 @@ class MessageType:
         out.message(self, values)
         return b"".join(out.parts)
 
+    def pack_head(self, values: Mapping[str, Any]) -> tuple[bytes, Buffer]:
+        """Return the same in two pieces: all but the last field's `uint8[]`, and that buffer."""
+        out = _Out()
+        out.message(self, values)
+        *head, tail = out.parts
+        return b"".join(head), tail
+
     def unpack(self, data: Buffer) -> dict[str, Any]:
         """Return the values of `data` by name; `uint8[]` is a view into it, not a copy.
 

@@ -31,7 +31,7 @@ from rig.core.types import (
 from rig.core.units import NS_PER_S
 from rig.record import topics
 from rig.record.cdr import Buffer
-from rig.record.hashes import HASH_BYTES, sealed
+from rig.record.hashes import HASH_BYTES, NOTHING, Summed, sealed, summed
 
 NAN = math.nan
 PIXEL_FORMATS: tuple[PixelFormat, ...] = ("bayer_rggb8", "mono8")
@@ -39,12 +39,33 @@ PIXEL_FORMATS: tuple[PixelFormat, ...] = ("bayer_rggb8", "mono8")
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message of one trigger; `data` is CDR."""
+    """One message of one trigger: CDR in `data`, and after it, of a picture to write, `tail`.
+
+    A picture that was read is whole in `data`; one to be written is its head in `data` and its
+    pixels in `tail`, a view of the frame.
+    """
 
     topic: str
     sequence: int
     log_time_ns: int
     data: Buffer
+    tail: Summed = NOTHING
+
+    @property
+    def parts(self) -> tuple[Buffer | Summed, ...]:
+        """Return the bytes of the message in order."""
+        return (self.data, self.tail) if len(self.tail) else (self.data,)
+
+    @property
+    def size(self) -> int:
+        """Return how many bytes the message has."""
+        return len(self.data) + len(self.tail)
+
+    def joined(self) -> Message:
+        """Return the message as it is read back: whole in `data`."""
+        return Message(
+            self.topic, self.sequence, self.log_time_ns, b"".join((self.data, self.tail.data))
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +135,7 @@ def _frame_messages(record: PairRecord, side: Side, moment_ns: int) -> Iterator[
     frame = shot if isinstance(shot, Frame) else None
     time_ns = frame.device_time_ns if frame else moment_ns
     header = _header(time_ns, topics.optical_frame(side))
-    picture = _image(frame, header) if frame else b""
+    picture = _image(frame, header, record.trigger, side) if frame else None
     values = {
         "header": header,
         "trigger": record.trigger,
@@ -130,17 +151,20 @@ def _frame_messages(record: PairRecord, side: Side, moment_ns: int) -> Iterator[
         "pixel_hash": 0,
     }
     topic = topics.frame_meta(side)
-    data = sealed(topics.FRAME_META_TYPE.pack(values), topic.encode(), picture)
+    bound = picture.parts if picture else ()
+    data = sealed(topics.FRAME_META_TYPE.pack(values), topic.encode(), *bound)
     yield Message(topic, record.trigger, time_ns, data)
     if picture:
-        yield Message(topics.image(side), record.trigger, time_ns, picture)
+        yield picture
 
 
-def _image(frame: Frame, header: Mapping[str, Any]) -> bytes:
+def _image(frame: Frame, header: Mapping[str, Any], trigger: int, side: Side) -> Message:
+    """Return the picture's message, its pixels a view of the frame."""
     if frame.image.dtype != np.uint8 or frame.image.ndim != 2:
         raise ValueError(f"frame {frame.sequence} is not a uint8 picture of two dimensions")
     height, width = frame.image.shape
-    return topics.IMAGE_TYPE.pack(
+    pixels = np.ascontiguousarray(frame.image).reshape(-1).data
+    head, tail = topics.IMAGE_TYPE.pack_head(
         {
             "header": header,
             "height": height,
@@ -148,9 +172,10 @@ def _image(frame: Frame, header: Mapping[str, Any]) -> bytes:
             "encoding": frame.pixel_format,
             "is_bigendian": 0,
             "step": width,
-            "data": np.ascontiguousarray(frame.image).reshape(-1).data,
+            "data": pixels,
         }
     )
+    return Message(topics.image(side), trigger, frame.device_time_ns, head, summed(tail))
 
 
 def _decision_messages(record: PairRecord, moment_ns: int) -> Iterator[Message]:

@@ -7,6 +7,7 @@ because a damaged file must end in one clear error and never in a wrong number o
 from __future__ import annotations
 
 import os
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -37,8 +38,9 @@ from rig.record.codec import Message
 BAG_FILE = "metadata.yaml"
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEADER = struct.Struct("<BQ")
-_CHUNK_HEADER = struct.Struct("<QQQII")
-_MESSAGE_HEADER = struct.Struct("<HIQQ")
+CHUNK_HEADER = struct.Struct("<QQQII")
+MESSAGE_HEADER = struct.Struct("<HIQQ")
+_PART = re.compile(r"_([1-9]\d*)")
 _FOOTER_BYTES = RECORD_HEADER.size + 20
 _MAX_CHUNK_BYTES = 128 << 20
 _MAX_RECORD_BYTES = 64 << 20
@@ -121,17 +123,48 @@ class Summary:
 
 
 def find(path: Path) -> Path:
-    """Return the MCAP file that `path` names; raises RecordingError when there is not one."""
+    """Return the first MCAP file that `path` names; raises RecordingError when there is not one."""
     if not path.exists():
         raise RecordingError(f"{path} does not exist; name a recording's folder or .mcap file")
     folder = path.parent if path.name == BAG_FILE else path
     if not folder.is_dir():
+        first = first_part(path)
+        if first != path:
+            raise RecordingError(f"{path} is a later part of {first}; name that one")
         return path
-    files = sorted(folder.glob("*.mcap"))
+    files = [file for file in sorted(folder.glob("*.mcap")) if first_part(file) == file]
     if len(files) != 1:
         count = "no .mcap file" if not files else f"{len(files)} .mcap files"
         raise RecordingError(f"{folder} holds {count}; name one recording")
     return files[0]
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Return where part `number` of a run lies, counted from 0: `run.mcap`, `run_1.mcap`, ..."""
+    return first.with_name(f"{first.stem}_{number}{first.suffix}") if number else first
+
+
+def parts(first: Path) -> list[Path]:
+    """Return the files of a run in order; raises RecordingError when one between is missing."""
+    numbers = [int(found[1]) for found in map(_PART.fullmatch, _stems(first)) if found]
+    found = [first, *(part_path(first, number) for number in range(1, max(numbers, default=0) + 1))]
+    missing = [part for part in found if not part.exists()]
+    if missing:
+        raise RecordingError(f"{missing[0]} is missing; put the parts of a run into one folder")
+    return found
+
+
+def _stems(first: Path) -> list[str]:
+    """Return, of the later parts beside `first`, the end of each name: `_1` and so on."""
+    others = first.parent.glob(f"*{first.suffix}")
+    return [each.stem.removeprefix(first.stem) for each in others if each != first]
+
+
+def first_part(path: Path) -> Path:
+    """Return the first part of the run that `path` is a part of."""
+    found = re.fullmatch(r"(.+)_[1-9]\d*", path.stem)
+    first = path.with_name(found[1] + path.suffix) if found else path
+    return first if first.exists() else path
 
 
 @contextmanager
@@ -278,9 +311,9 @@ def parse(opcode: int, body: bytes | bytearray | memoryview) -> Any:
 def read_chunk(body: bytearray) -> Chunk:
     """Return a chunk, its records decompressed; raises ValueError when lengths do not fit."""
     view = memoryview(body)
-    start_ns, end_ns, size, crc, name_size = _CHUNK_HEADER.unpack_from(view)
-    at = _CHUNK_HEADER.size + name_size
-    compression = bytes(view[_CHUNK_HEADER.size : at]).decode()
+    start_ns, end_ns, size, crc, name_size = CHUNK_HEADER.unpack_from(view)
+    at = CHUNK_HEADER.size + name_size
+    compression = bytes(view[CHUNK_HEADER.size : at]).decode()
     (stored,) = struct.unpack_from("<Q", view, at)
     data = view[at + 8 :]
     if len(data) != stored:
@@ -288,6 +321,23 @@ def read_chunk(body: bytearray) -> Chunk:
     records = inflate(data, compression, size)
     crc_holds = crc in (0, zlib.crc32(records))
     return Chunk(start_ns, end_ns, compression, stored, crc_holds, records)
+
+
+CHUNK_HEAD_BYTES = CHUNK_HEADER.size + 8
+
+
+def plain_chunk_bytes(head: bytes) -> int | None:
+    """Return the body size of the uncompressed chunk that begins with `head`, else None.
+
+    `head` is the record header and the fixed fields: three sizes in it must agree.
+    """
+    if len(head) < RECORD_HEADER.size + CHUNK_HEAD_BYTES:
+        return None
+    opcode, length = RECORD_HEADER.unpack_from(head)
+    _, _, size, _, name_size = CHUNK_HEADER.unpack_from(head, RECORD_HEADER.size)
+    (stored,) = struct.unpack_from("<Q", head, RECORD_HEADER.size + CHUNK_HEADER.size)
+    agrees = opcode == Opcode.CHUNK and name_size == 0 and size == stored
+    return length if agrees and length == CHUNK_HEAD_BYTES + size else None
 
 
 def inflate(data: memoryview, compression: str, size: int) -> memoryview:
@@ -332,7 +382,7 @@ def chunk_records(records: memoryview) -> Iterator[tuple[int, int, memoryview]]:
 
 def message_key(body: memoryview) -> tuple[int, int]:
     """Return the channel id and the log time of a message record."""
-    channel, _, log_time_ns, _ = _MESSAGE_HEADER.unpack_from(body)
+    channel, _, log_time_ns, _ = MESSAGE_HEADER.unpack_from(body)
     return channel, log_time_ns
 
 
@@ -342,6 +392,6 @@ def _messages(chunk: Chunk, topics: dict[int, str]) -> Iterator[Message]:
             channel = parse(opcode, body)
             topics[channel.id] = channel.topic
         elif opcode == Opcode.MESSAGE:
-            id_, sequence, log_time_ns, _ = _MESSAGE_HEADER.unpack_from(body)
-            data = body[_MESSAGE_HEADER.size :]
+            id_, sequence, log_time_ns, _ = MESSAGE_HEADER.unpack_from(body)
+            data = body[MESSAGE_HEADER.size :]
             yield Message(topics[id_], sequence, log_time_ns, data)

@@ -1,25 +1,26 @@
-"""The file below the MCAP writer: bounded page cache, and room kept back for a full disk."""
+"""The file below the MCAP writer: kept by the disk as it grows, with room kept back for its end."""
 
 from __future__ import annotations
 
 import ctypes
 import errno
+import fcntl
 import os
-import time
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 
+from rig.record.backing import open_new
 from rig.record.cdr import Buffer
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-_WINDOW_BYTES = 32 << 20
-_SYNC_EVERY_S = 1.0
+_SYNC_EVERY_S = 0.5
 _M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD, _M_TOP_PAD = -3, -1, -2
 _MALLOC_OPTIONS = (
     (_M_MMAP_THRESHOLD, 32 << 20),
     (_M_TRIM_THRESHOLD, 256 << 20),
     (_M_TOP_PAD, 64 << 20),
 )
-_WRITE, _WAIT_WRITE_WAIT = 2, 1 | 2 | 4
 
 
 def keep_picture_buffers() -> None:
@@ -39,12 +40,17 @@ def reserve_path(path: Path) -> Path:
 
 
 class Reserve:
-    """Disk space kept back in a file of its own, so that a recording can end on a full disk."""
+    """Disk space kept back in a file of its own, so that a recording can end on a full disk.
+
+    It is locked while the recording is written: a reserve that nobody holds was left by a run
+    that was killed.
+    """
 
     def __init__(self, path: Path) -> None:
         """Create `path`; raises OSError when it exists."""
         self._path = path
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        fcntl.flock(self._fd, fcntl.LOCK_EX)
         self._size = 0
 
     def hold(self, size: int) -> None:
@@ -56,9 +62,32 @@ class Reserve:
     def release(self) -> None:
         """Give the space back to the disk; a second call does nothing."""
         if self._fd >= 0:
-            os.close(self._fd)
             self._path.unlink(missing_ok=True)
+            os.close(self._fd)
             self._fd = -1
+
+
+def is_held(recording: Path) -> bool:
+    """Return whether some process is writing `recording` now."""
+    try:
+        fd = os.open(reserve_path(recording), os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False
+
+
+def free_bytes(folder: Path) -> int:
+    """Return the room on the disk of `folder`, which need not exist yet; raises OSError."""
+    while not folder.exists():
+        folder = folder.parent
+    room = os.statvfs(folder)
+    return room.f_bavail * room.f_frsize
 
 
 class RecordingFile:
@@ -66,44 +95,38 @@ class RecordingFile:
 
     When the disk fills up, the reserve is released, `full` becomes true and writing goes on: the
     caller then has that much room to end the recording. A `live` recording cannot be repeated, so
-    it is brought to the disk once a second; its pages are written back and dropped as it goes, so
-    that the kernel never stalls it to flush gigabytes.
+    it goes past the page cache where that is possible, and a thread makes the disk keep it twice
+    a second.
     """
 
     def __init__(self, path: Path, *, reserve_bytes: int, live: bool) -> None:
         """Create `path`; raises OSError when it exists or the disk cannot hold the reserve."""
         self.full = False
         self._position = 0
-        self._flushed = 0
-        self._synced_s = time.monotonic()
-        self._sync_file_range = _sync_file_range() if live else None
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        self._backing = open_new(path, self._make_room, direct=live)
         try:
             self._reserve = Reserve(reserve_path(path))
             self.hold(reserve_bytes)
         except OSError:
-            os.close(self._fd)
+            os.close(self._backing.fd)
             path.unlink()
             raise
         if self.full:
-            self.close()
+            os.close(self._backing.fd)
             path.unlink()
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        if live:
+            _sync_folder(path.parent)
+        self._syncer = _Syncer(self._backing.fd) if live else None
+        self._open = True
 
-    def write(self, data: Buffer) -> int:
-        """Write all of `data`."""
-        view = memoryview(data).cast("B")
-        size = len(view)
-        while view:
-            try:
-                view = view[os.write(self._fd, view) :]
-            except OSError as error:
-                if error.errno not in _FULL or self.full:
-                    raise
-                self._become_full()
-        self._position += size
-        self._write_back()
-        return size
+    def write(self, parts: Sequence[Buffer]) -> None:
+        """Write all of `parts` one after the other, without joining them."""
+        if self._syncer is not None:
+            self._syncer.check()
+        views = [memoryview(part).cast("B") for part in parts if len(part)]
+        self._backing.append(views)
+        self._position += sum(map(len, views))
 
     def hold(self, reserve_bytes: int) -> None:
         """Keep that much room back from now on; without it the disk counts as full."""
@@ -112,52 +135,67 @@ class RecordingFile:
         try:
             self._reserve.hold(reserve_bytes)
         except OSError as error:
-            if error.errno not in _FULL:
-                raise
-            self._become_full()
+            self._make_room(error)
 
     def tell(self) -> int:
         """Return the number of bytes written."""
         return self._position
 
-    def flush(self) -> None:
-        """Do nothing: nothing is buffered here."""
-
     def close(self) -> None:
         """Bring everything to the disk and release the reserve; raises OSError."""
-        self._reserve.release()
-        if self._fd >= 0:
-            fd, self._fd = self._fd, -1
-            try:
-                os.fsync(fd)
-            finally:
-                os.close(fd)
+        if not self._open:
+            return
+        self._open = False
+        if self._syncer is not None:
+            self._syncer.stop()
+        fd = self._backing.fd
+        try:
+            os.ftruncate(fd, self._position)
+            os.fsync(fd)
+        finally:
+            self._reserve.release()
+            os.close(fd)
 
-    def _become_full(self) -> None:
+    def _make_room(self, error: OSError) -> None:
+        """Give the reserve back when the disk is full; raises `error` when that cannot help."""
+        if error.errno not in _FULL or self.full:
+            raise error
         self._reserve.release()
         self.full = True
 
-    def _write_back(self) -> None:
-        if self._sync_file_range is None:
-            return
-        if self._position - self._flushed >= _WINDOW_BYTES:
-            self._drop_window(self._sync_file_range)
-        now_s = time.monotonic()
-        if now_s - self._synced_s >= _SYNC_EVERY_S:
-            os.fdatasync(self._fd)
-            self._synced_s = now_s
 
-    def _drop_window(self, sync_file_range: ctypes._NamedFuncPointer) -> None:
-        start, size = self._flushed, self._position - self._flushed
-        sync_file_range(self._fd, start, size, _WRITE)
-        before = max(0, start - _WINDOW_BYTES)
-        if start:
-            sync_file_range(self._fd, before, start - before, _WAIT_WRITE_WAIT)
-            os.posix_fadvise(self._fd, before, start - before, os.POSIX_FADV_DONTNEED)
-        self._flushed = self._position
+def _sync_folder(folder: Path) -> None:
+    """Make the disk keep the names of new files."""
+    fd = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
 
 
-def _sync_file_range() -> ctypes._NamedFuncPointer:
-    function = ctypes.CDLL(None, use_errno=True).sync_file_range
-    function.argtypes = [ctypes.c_int, ctypes.c_int64, ctypes.c_int64, ctypes.c_uint]
-    return function
+class _Syncer:
+    """A thread that brings a file to the disk, so that its writer never waits for that."""
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+        self._ended = threading.Event()
+        self._error: OSError | None = None
+        self._thread = threading.Thread(target=self._work, name="rig-sync", daemon=True)
+        self._thread.start()
+
+    def check(self) -> None:
+        """Raise the OSError that the disk answered with, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._ended.set()
+        self._thread.join()
+
+    def _work(self) -> None:
+        try:
+            while not self._ended.wait(_SYNC_EVERY_S):
+                os.fdatasync(self._fd)
+        except OSError as error:
+            self._error = error

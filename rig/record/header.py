@@ -12,6 +12,8 @@ from rig.record.hashes import fingerprint
 
 SCHEMA = "rig.recording/1"
 RUN, VERSIONS, MODELS = "rig.run", "rig.versions", "rig.models"
+PART, NEXT, RECOVERY = "rig.part", "rig.next", "rig.recovery"
+"""Where a later file of a run begins, which file goes on, and that the end of one was lost."""
 OPTIONS = "options.json"
 _HASH = "header_hash"
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.core.types import SIDES, Command, Frame, Intrinsics, Lost, Settings, Side
 from rig.core.units import NS_PER_S
-from rig.record import recover
+from rig.record.header import RECOVERY
 from rig.record.reader import Recording, open_recording
 from rig.record.totals import Totals
 
@@ -80,7 +80,7 @@ def info(path: Path | str) -> Info:
     duration_s = (times_ns[-1] - times_ns[0]) / NS_PER_S if times_ns else 0.0
     return Info(
         file=str(recording.path),
-        size_mb=recording.path.stat().st_size / 1e6,
+        size_mb=sum(part.stat().st_size for part in recording.parts) / 1e6,
         command=header.command,
         cameras=header.cameras,
         world_version=header.world_version,
@@ -93,7 +93,7 @@ def info(path: Path | str) -> Info:
         triggers=totals.triggers,
         pairs_complete=totals.complete,
         drops=totals.lost,
-        recovered=recover.NAME in recording.metadata,
+        recovered=RECOVERY in recording.metadata,
         primary=primary.info(recording, "primary"),
         secondary=secondary.info(recording, "secondary"),
     )

@@ -8,22 +8,27 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
-from rig.core.errors import RecordingError
+from rig.core.errors import RecordingDamaged, RecordingError
 from rig.core.types import PairRecord
 from rig.record import codec, topics
 from rig.record.codec import Message
-from rig.record.container import Container, Summary, damage, find
-from rig.record.header import RUN, RunHeader, from_parts
+from rig.record.container import Container, Summary, damage, find, parts
+from rig.record.header import NEXT, PART, RECOVERY, RUN, RunHeader, from_parts
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A finished recording; its length is the number of triggers."""
+    """A finished recording; its length is the number of triggers.
+
+    `parts` are its files in order, `path` is the first of them; `metadata` is that of the first
+    part with what later parts add at their ends.
+    """
 
     path: Path
     header: RunHeader
     metadata: Mapping[str, Mapping[str, str]]
     triggers: int
+    parts: tuple[Path, ...]
 
     def __len__(self) -> int:
         return self.triggers
@@ -34,13 +39,17 @@ class Recording:
         The pictures are writable and share the chunk's memory. Raises RecordingDamaged at the
         first thing that is not as it was written.
         """
-        with damage(self.path), Container(self.path) as container:
-            count = 0
-            for group in triggers(container.messages()):
-                yield codec.decode(group)
-                count += 1
-            if count != self.triggers:
-                raise ValueError(f"{self.triggers} triggers claimed, {count} found")
+        count = 0
+        for part in self.parts:
+            with damage(part), Container(part) as container:
+                for group in triggers(container.messages()):
+                    yield codec.decode(group)
+                    count += 1
+        if count != self.triggers:
+            raise RecordingDamaged(
+                f"{self.path} claims {self.triggers} triggers and holds {count}; "
+                f"try: rig recover {self.path}"
+            )
 
 
 def open_recording(path: Path | str) -> Recording:
@@ -48,7 +57,30 @@ def open_recording(path: Path | str) -> Recording:
 
     Raises RecordingError when there is none, RecordingDamaged when it is cut short or corrupt.
     """
-    file = find(Path(path))
+    first = find(Path(path))
+    files = parts(first)
+    opened = [_open_part(file) for file in files]
+    for file, part in zip(files, opened, strict=True):
+        if part.header != opened[0].header:
+            raise RecordingError(f"{file} is of another run than {first}; keep runs apart")
+    metadata = dict(opened[0].metadata)
+    for part in opened[1:]:
+        metadata |= {name: part.metadata[name] for name in part.metadata if name not in (PART,)}
+    _check_end(files[-1], opened[-1].metadata)
+    count = sum(part.triggers for part in opened)
+    return Recording(first, opened[0].header, metadata, count, tuple(files))
+
+
+@dataclass(frozen=True, slots=True)
+class _OpenedPart:
+    """What one file of a run says about itself."""
+
+    header: RunHeader
+    metadata: Mapping[str, Mapping[str, str]]
+    triggers: int
+
+
+def _open_part(file: Path) -> _OpenedPart:
     with damage(file), Container(file) as container:
         summary = container.summary()
         metadata = {
@@ -57,7 +89,17 @@ def open_recording(path: Path | str) -> Recording:
         if RUN not in metadata:
             raise RecordingError(f"{file} was not recorded by rig; it has no {RUN} metadata")
         header = from_parts(metadata, _attachments(container, summary))
-        return Recording(file, header, metadata, summary.messages(topics.PAIR))
+        return _OpenedPart(header, metadata, summary.messages(topics.PAIR))
+
+
+def _check_end(file: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """Raise RecordingError when the last part says that another one follows."""
+    if NEXT in metadata and RECOVERY not in metadata:
+        following = metadata[NEXT].get("file", "another file")
+        raise RecordingError(
+            f"{file.with_name(following)} is missing, {file.name} goes on in it; put the parts of "
+            "a run into one folder"
+        )
 
 
 def triggers(messages: Iterable[Message]) -> Iterator[dict[str, Message]]:

@@ -1,48 +1,38 @@
-"""The MCAP file of a run while it is being written."""
+"""The files of a run while it is being written."""
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
-from typing import IO, cast
 
-from mcap.writer import CompressionType, Writer
-
-from rig.core.types import SIDES, PairRecord
-from rig.record import codec, topics
-from rig.record.file import RecordingFile
-from rig.record.header import RunHeader, header_hash, to_attachments, to_metadata
+from rig.core.types import PairRecord
+from rig.record import codec
+from rig.record.container import part_path
+from rig.record.header import NEXT, PART, RunHeader, header_hash
+from rig.record.part import Part
 from rig.record.totals import NAME, Totals
 
 CHUNK_BYTES = 1 << 20
-_NEVER = 1 << 62
+PART_BYTES = 16 << 30
 _RESERVE_BYTES = 8 << 20
-_INDEX_BYTES_PER_CHUNK = 256
 
 
 class Sink:
     """Puts triggers into chunks that hold whole triggers only, so that a cut never splits one.
 
-    A chunk closes with the first trigger that fills it to 1 MiB. OSError from any method but
+    A chunk closes with the first trigger that fills it to 1 MiB, a file with the first that fills
+    it to 16 GiB; the run then goes on in `run_1.mcap` and so on. OSError from any method but
     `close_file` leaves a file that ends in an unfinished record: close it and recover it.
     """
 
     def __init__(self, path: Path, header: RunHeader, *, live: bool) -> None:
+        self._path = path
         self._header = header
-        self._file = RecordingFile(path, reserve_bytes=_RESERVE_BYTES, live=live)
-        self._writer = Writer(
-            cast(IO[bytes], self._file), chunk_size=_NEVER, compression=CompressionType.NONE
-        )
+        self._live = live
         self._last = codec.Tie(chain=header_hash(header))
-        self._open_bytes = 0
-        self._chunks = 0
-        self._largest_chunk = 0
         self._totals = Totals()
-        self._writer.start(profile="ros2")
-        for name, data in to_attachments(header).items():
-            self._writer.add_attachment(0, 0, name, "application/json", data)
-        for name, values in to_metadata(header).items():
-            self._writer.add_metadata(name, values)
-        self._channels = self._register()
+        self._number = 0
+        self._part = self._open({})
 
     @property
     def triggers(self) -> int:
@@ -52,64 +42,50 @@ class Sink:
     @property
     def full(self) -> bool:
         """Return whether the disk is full and only the room kept back is left."""
-        return self._file.full
+        return self._part.full
 
     def take(self, record: PairRecord) -> None:
         """Write one trigger; raises ValueError, with nothing written, for what cannot be packed."""
-        messages, self._last = codec.encode(record, self._last)
-        if not self.triggers:
-            self._describe_cameras(self._last.time_ns)
-        for message in messages:
-            self._add(message)
+        messages, last = codec.encode(record, self._last)
+        if self._part.size >= PART_BYTES and not self.full:
+            self._split()
+        self._last = last
+        self._part.take(messages, last.time_ns, CHUNK_BYTES)
         self._totals.add(record.cause)
-        if self._open_bytes >= CHUNK_BYTES:
-            self._close_chunk()
 
     def finish(self) -> None:
         """Write the last chunk, the totals and the index."""
-        if not self.triggers:
-            self._describe_cameras(0)
-        self._close_chunk()
-        self._writer.add_metadata(NAME, self._totals.to_metadata())
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._part.finish(self._last.time_ns, NAME, self._totals.to_metadata())
 
     def close_file(self) -> None:
-        """Bring the file to the disk; raises OSError."""
-        self._file.close()
+        """Bring the last file to the disk; raises OSError."""
+        self._part.close()
 
-    def _register(self) -> dict[str, int]:
-        schemas: dict[str, int] = {}
-        channels: dict[str, int] = {}
-        for topic, kind in topics.TOPICS.items():
-            if kind.name not in schemas:
-                schemas[kind.name] = self._writer.register_schema(
-                    kind.ros_name, "ros2msg", kind.definition.encode()
-                )
-            channels[topic] = self._writer.register_channel(topic, "cdr", schemas[kind.name])
-        return channels
-
-    def _describe_cameras(self, time_ns: int) -> None:
-        for side, intrinsics in zip(SIDES, self._header.intrinsics, strict=True):
-            self._add(codec.camera_info(side, intrinsics, time_ns))
-
-    def _add(self, message: codec.Message) -> None:
-        self._writer.add_message(
-            channel_id=self._channels[message.topic],
-            log_time=message.log_time_ns,
-            data=bytes(message.data),
-            publish_time=message.log_time_ns,
-            sequence=message.sequence,
+    def _open(self, facts: dict[str, dict[str, str]]) -> Part:
+        return Part(
+            part_path(self._path, self._number),
+            self._header,
+            facts,
+            reserve_bytes=_RESERVE_BYTES,
+            live=self._live,
         )
-        self._open_bytes += len(message.data)
 
-    def _close_chunk(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]
-        self._chunks += 1
-        self._largest_chunk = max(self._largest_chunk, self._open_bytes)
-        self._open_bytes = 0
-        self._file.hold(self._needed_to_end())
-
-    def _needed_to_end(self) -> int:
-        """Return the bytes that one more chunk, the index and a margin take, in whole margins."""
-        size = 2 * self._largest_chunk + _INDEX_BYTES_PER_CHUNK * self._chunks
-        return _RESERVE_BYTES * (1 + -(-size // _RESERVE_BYTES))
+    def _split(self) -> None:
+        """Go on in a new file; without room for one the old one simply grows."""
+        number = self._number + 1
+        tie = {
+            "number": str(number),
+            "first_trigger": str(self.triggers),
+            "chain": f"{self._last.chain:016x}",
+        }
+        before = self._part
+        self._number = number
+        try:
+            self._part = self._open({PART: tie})
+        except OSError as error:
+            self._number = number - 1
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            return
+        before.finish(self._last.time_ns, NEXT, {"file": self._part.path.name})
+        before.close()

@@ -8,14 +8,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mcap.opcode import Opcode
+
 from rig.core.errors import RecordingDamaged
 from rig.core.types import MAX_PAIR_OFFSET_NS, SIDES, Frame, Intrinsics, Lost, PairRecord, Side
 from rig.core.units import NS_PER_S
-from rig.record import codec, recover, topics, totals
+from rig.record import codec, topics, totals
 from rig.record.codec import Message
 from rig.record.container import Container, Summary, damage
 from rig.record.hashes import seal_holds
-from rig.record.header import header_hash
+from rig.record.header import PART, RECOVERY, header_hash
 from rig.record.reader import Recording, open_recording, triggers
 from rig.record.totals import Totals
 
@@ -40,14 +42,17 @@ def verify(path: Path | str) -> Verification:
     """
     recording = open_recording(path)
     audit = _Audit(recording, chain=header_hash(recording.header))
-    with damage(recording.path), Container(recording.path) as container:
-        try:
-            with damage(recording.path):
-                for group in triggers(audit.seen(container.messages())):
-                    audit.trigger(group)
-        except RecordingDamaged as error:
-            audit.claims.append(f"after {audit.totals.triggers} triggers: {error.__cause__}")
-        audit.end(container.summary())
+    for part in recording.parts:
+        with damage(part), Container(part) as container:
+            audit.begin(container)
+            try:
+                with damage(part):
+                    for group in triggers(audit.seen(container.messages())):
+                        audit.trigger(group)
+            except RecordingDamaged as error:
+                audit.claims.append(f"after {audit.totals.triggers} triggers: {error.__cause__}")
+            audit.end_part(container.summary())
+    audit.end()
     claims = audit.claims[:_MAX_CLAIMS]
     return Verification(not claims, audit.totals.complete, audit.totals.lost, claims)
 
@@ -96,18 +101,35 @@ class _Audit:
         for claim in (*_numbers(record, number), *_pairing(record), *self._frames(record)):
             self._false(number, claim)
 
-    def end(self, summary: Summary) -> None:
-        """Check the counts that the file claims for the whole run."""
+    def begin(self, container: Container) -> None:
+        """Check that a later part goes on where the one before ended."""
+        for index in container.summary().metadata:
+            if index.name != PART:
+                continue
+            claimed = container.at(index.offset, Opcode.METADATA).metadata
+            if claimed["chain"] != f"{self.chain:016x}":
+                self.claims.append(f"{container.path.name} does not go on from the part before")
+
+    def end_part(self, summary: Summary) -> None:
+        """Check the counts that a file claims for itself."""
         for topic in topics.TOPICS:
             claimed, found = summary.messages(topic), self.counts[topic]
             if claimed != found:
                 self.claims.append(f"the index claims {claimed} messages on {topic}, {found} found")
+        self.counts.clear()
+
+    def end(self) -> None:
+        """Check the counts that the last file claims for the whole run."""
         metadata = self.recording.metadata
         if totals.NAME in metadata:
-            claimed_totals = Totals.from_metadata(metadata[totals.NAME])
+            try:
+                claimed_totals = Totals.from_metadata(metadata[totals.NAME])
+            except (KeyError, ValueError) as error:
+                self.claims.append(f"the totals of the run cannot be read: {error}")
+                return
             if claimed_totals != self.totals:
                 self.claims.append(f"the run claims {claimed_totals}, found {self.totals}")
-        elif recover.NAME not in metadata:
+        elif RECOVERY not in metadata:
             self.claims.append("the run did not say how many triggers it had")
 
     def _frames(self, record: PairRecord) -> Iterator[str]:

@@ -23,6 +23,7 @@ QUEUE_FULL, DISK_FULL = "recorder queue full", "disk full"
 _WAITING_REAL_TIME = 110
 _WAITING_VIRTUAL_TIME = 8
 _STALLED_TRIGGERS = 10_000
+_LOOK_UP_S = 0.2
 
 
 class RecordWriter:
@@ -48,6 +49,7 @@ class RecordWriter:
         self._stopped = False
         self._torn = False
         self._open = False
+        self._done = threading.Event()
 
     def __enter__(self) -> Self:
         """Create the file; raises RecordingError when it exists or there is no room for it."""
@@ -64,8 +66,8 @@ class RecordWriter:
             ) from error
         if self._real_time:
             keep_picture_buffers()
-        self._thread = threading.Thread(target=self._work, name="rig-recorder")
-        self._thread.start()
+        self._owner = threading.current_thread()
+        threading.Thread(target=self._work, name="rig-recorder").start()
         self._open = True
         return self
 
@@ -86,12 +88,12 @@ class RecordWriter:
 
     def __exit__(self, *exc: object) -> None:
         """Write what is queued and end the file, also after Ctrl-C, once or twice."""
-        self._open = False
-        self._queue.put(None)
         interrupted = False
-        while self._thread.is_alive():
+        while self._open or not self._done.is_set():
             try:
-                self._thread.join()
+                self._open = False
+                self._queue.put(None)
+                self._done.wait()  # an interrupted Thread.join takes the thread for ended
             except KeyboardInterrupt:
                 interrupted = True
         self._report()
@@ -112,13 +114,29 @@ class RecordWriter:
 
     def _work(self) -> None:
         """Run the thread: every place taken is given back, whatever happens."""
-        while (item := self._queue.get()) is not None:
-            record, has_place = item
-            self._store(record)
-            del item, record  # the picture's memory is free before its place is
-            if has_place:
-                self._places.put(None)
-        self._end()
+        try:
+            while (item := self._next()) is not None:
+                record, has_place = item
+                self._store(record)
+                del item, record  # the picture's memory is free before its place is
+                if has_place:
+                    self._places.put(None)
+            self._end()
+        finally:
+            self._done.set()
+
+    def _next(self) -> tuple[PairRecord, bool] | None:
+        """Return what is to be written next; None at the end, or when nobody can say so any more.
+
+        An interrupt may come before the `with` block is entered or while it is left: then the
+        owner's thread ends without a word.
+        """
+        while True:
+            try:
+                return self._queue.get(timeout=_LOOK_UP_S)
+            except queue.Empty:
+                if not self._owner.is_alive():
+                    return None
 
     def _store(self, record: PairRecord) -> None:
         if self._stopped:

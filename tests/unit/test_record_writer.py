@@ -11,16 +11,16 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from record_disk import SmallDisk
 from record_samples import HEADER, assert_same, frame, half, record, write
 
 from rig.core.errors import RecordingError
 from rig.core.types import Pair, PairRecord
+from rig.record import backing, sink, writer
 from rig.record import file as file_module
-from rig.record import sink, writer
 from rig.record.info import info
 from rig.record.reader import open_recording
 from rig.record.recover import recover
@@ -89,37 +89,9 @@ def test_a_disk_that_takes_nothing_for_ever_is_an_error(
     assert verify(tmp_path).sound
 
 
-class SmallDisk:
-    """Stands in for `os` in the file object: a disk of `capacity` bytes, or one that breaks."""
-
-    def __init__(self, capacity: int, error: int = errno.ENOSPC) -> None:
-        self.capacity = capacity
-        self.error = error
-        self.used = 0
-        self.held: dict[int, int] = {}
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(os, name)
-
-    def posix_fallocate(self, fd: int, start: int, size: int) -> None:
-        grown = size - self.held.get(fd, 0)
-        if self.error == errno.ENOSPC:
-            if self.used + grown > self.capacity:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            self.used += grown
-        self.held[fd] = size
-
-    def write(self, fd: int, data: memoryview) -> int:
-        room = self.capacity - self.used
-        if room <= 0:
-            raise OSError(self.error, os.strerror(self.error))
-        written = os.write(fd, data[: min(room, len(data))])
-        self.used += written
-        return written
-
-    def close(self, fd: int) -> None:
-        self.used -= self.held.pop(fd, 0) if self.error == errno.ENOSPC else 0
-        os.close(fd)
+def use_disk(monkeypatch: pytest.MonkeyPatch, disk: object) -> None:
+    for module in (backing, file_module):
+        monkeypatch.setattr(module, "os", disk)
 
 
 RECORDS = [record(t) for t in range(6)]
@@ -137,7 +109,7 @@ def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_full_disk_ends_the_file_and_is_said_once(
     tmp_path: Path, room: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_module, "os", SmallDisk(2 * MARGIN + room))
+    use_disk(monkeypatch, SmallDisk(2 * MARGIN + room))
     with pytest.raises(RecordingError, match="disk is full at trigger") as caught:
         write(tmp_path, RECORDS)
     assert "\n" not in str(caught.value)
@@ -156,7 +128,7 @@ def test_a_full_disk_ends_the_file_and_is_said_once(
 def test_a_disk_that_fills_up_with_the_index_costs_nothing(
     tmp_path: Path, room: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_module, "os", SmallDisk(2 * MARGIN + room))
+    use_disk(monkeypatch, SmallDisk(2 * MARGIN + room))
     found = verify(write(tmp_path, RECORDS))
     assert (found.sound, found.pairs, found.lost) == (True, len(RECORDS), {})
 
@@ -164,7 +136,7 @@ def test_a_disk_that_fills_up_with_the_index_costs_nothing(
 def test_a_disk_without_room_is_refused_at_the_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_module, "os", SmallDisk(1_000_000))
+    use_disk(monkeypatch, SmallDisk(1_000_000))
     with pytest.raises(RecordingError, match=r"cannot create .*run.mcap: No space left on device"):
         write(tmp_path, RECORDS)
     assert list(tmp_path.iterdir()) == []
@@ -176,7 +148,7 @@ def test_a_disk_without_room_is_refused_at_the_start(
 def test_a_broken_disk_keeps_what_was_written(
     tmp_path: Path, room: int, error: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_module, "os", SmallDisk(room, error))
+    use_disk(monkeypatch, SmallDisk(room, error))
     with pytest.raises(RecordingError, match=os.strerror(error)):
         write(tmp_path, RECORDS)
     found = verify(tmp_path)
@@ -240,6 +212,7 @@ ENDLESS = """
 import itertools, signal, sys
 from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell ignores it
+from record_disk import SmallDisk
 from record_samples import HEADER, record
 from rig.record.writer import RecordWriter
 with RecordWriter(Path(sys.argv[1]), HEADER, real_time=False) as recorder:
