@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,16 +15,31 @@ from numpy.typing import NDArray
 from rig.core.errors import ControllerError, ModelError
 from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
 from rig.vision.bayer import NETWORK_PX, to_rgb224
+from rig.vision.thumbnail import THUMBNAIL_PX, thumbnail
 
 SCHEMA = "rig.network/1"
 FRAMES = 3
 _GREY = Frame(np.full((448, 448), 128, np.uint8), "bayer_rggb8", 0, 0, 0, Auto().start)
 
-_SHAPES = {
-    "images": (3 * FRAMES, NETWORK_PX, NETWORK_PX),
-    "settings": (2 * FRAMES,),
-    "next_settings": (2,),
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What a network sees of one frame: float32 in 0..1 of `shape` = (channels, rows, columns)."""
+
+    shape: tuple[int, int, int]
+    make: Callable[[Frame], NDArray[np.float32]]
+
+
+PICTURES: Mapping[str, Picture] = {
+    "rgb224": Picture(
+        (3, NETWORK_PX, NETWORK_PX), lambda frame: to_rgb224(frame.image, frame.pixel_format)
+    ),
+    "thumbnail": Picture(
+        (2, THUMBNAIL_PX[1], THUMBNAIL_PX[0]),
+        lambda frame: thumbnail(frame.image, frame.pixel_format).astype(np.float32) / 255,
+    ),
 }
+"""The pictures that the metadata's `picture` may ask for; `rgb224` where it says nothing."""
 
 
 @dataclass(slots=True)
@@ -39,6 +54,7 @@ class NetworkController:
 
     model: Path
     _session: Any = field(init=False, repr=False)
+    _picture: Picture = field(init=False, repr=False)
     _model_limits: Limits = field(init=False)
     _limits: Limits = field(init=False)
     _images: NDArray[np.float32] = field(init=False, repr=False)
@@ -48,7 +64,8 @@ class NetworkController:
 
     def __post_init__(self) -> None:
         self._session = _open(self.model)
-        self._model_limits = _check(self.model, self._session)
+        self._picture = _picture_of(self.model, self._session)
+        self._model_limits = _check(self.model, self._session, self._picture)
         self._limits = self._model_limits
         self._forget()
         self._remember(_GREY)
@@ -77,19 +94,20 @@ class NetworkController:
         }
 
     def _forget(self) -> None:
-        self._images = np.zeros((1, *_SHAPES["images"]), np.float32)
-        self._settings = np.zeros((1, *_SHAPES["settings"]), np.float32)
+        channels, rows, columns = self._picture.shape
+        self._images = np.zeros((1, FRAMES * channels, rows, columns), np.float32)
+        self._settings = np.zeros((1, FRAMES * 2), np.float32)
         self._answer = np.zeros(2, np.float32)
         self._frames = 0
 
     def _remember(self, frame: Frame) -> None:
         """Put the frame first and drop the oldest; the first frame ever fills all places."""
-        picture, scaled = to_rgb224(frame.image, frame.pixel_format), self._scaled(frame.used)
-        images, settings = self._images[0], self._settings[0]
+        picture, scaled = self._picture.make(frame), self._scaled(frame.used)
+        images, settings, channels = self._images[0], self._settings[0], len(picture)
         if self._frames == 0:
             images[:], settings[:] = np.tile(picture, (FRAMES, 1, 1)), np.tile(scaled, FRAMES)
-        images[3:], settings[2:] = images[:-3], settings[:-2]
-        images[:3], settings[:2] = picture, scaled
+        images[channels:], settings[2:] = images[:-channels], settings[:-2]
+        images[:channels], settings[:2] = picture, scaled
         self._frames += 1
 
     def _run(self) -> NDArray[np.float32]:
@@ -137,7 +155,17 @@ def _open(model: Path) -> Any:
         raise ModelError(f"{model}: is no ONNX file that can be run ({reason})") from problem
 
 
-def _check(model: Path, session: Any) -> Limits:
+def _picture_of(model: Path, session: Any) -> Picture:
+    name = session.get_modelmeta().custom_metadata_map.get("picture", "rgb224")
+    if name not in PICTURES:
+        raise ModelError(
+            f"{model}: metadata picture is {name!r}, which this version cannot make; known: "
+            f"{', '.join(sorted(PICTURES))}"
+        )
+    return PICTURES[name]
+
+
+def _check(model: Path, session: Any, picture: Picture) -> Limits:
     """Return the limits of a network that has the right interface."""
     metadata = session.get_modelmeta().custom_metadata_map
     if metadata.get("schema") != SCHEMA:
@@ -155,11 +183,16 @@ def _check(model: Path, session: Any) -> Limits:
     ):
         if set(nodes) != names:
             raise ModelError(f"{model}: {kind}s are {sorted(nodes)}, not {sorted(names)}")
+    shapes = {
+        "images": (FRAMES * picture.shape[0], *picture.shape[1:]),
+        "settings": (2 * FRAMES,),
+        "next_settings": (2,),
+    }
     for name, node in {**inputs, **outputs}.items():
         one_at_a_time = node.shape[:1] == [1] or not isinstance(node.shape[0], int)
         shape = tuple(node.shape[1:])
-        if node.type != "tensor(float)" or shape != _SHAPES[name] or not one_at_a_time:
-            wanted = ["N", *_SHAPES[name]]
+        if node.type != "tensor(float)" or shape != shapes[name] or not one_at_a_time:
+            wanted = ["N", *shapes[name]]
             raise ModelError(
                 f"{model}: {name} is {node.type} {node.shape}, not tensor(float) {wanted}"
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -18,6 +19,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import ControllerError, ModelError
 from rig.core.types import THESIS_LIMITS, Frame, Limits, Pair, Settings
 from rig.vision.bayer import to_rgb224
+from rig.vision.thumbnail import thumbnail
 
 METADATA = {
     "schema": "rig.network/1",
@@ -55,15 +57,21 @@ def write(
     return path
 
 
-def linear(path: Path, weights: NDArray[np.float32], offset: Sequence[float] = (0.0, 0.0)) -> Path:
-    """Write a network that answers with 9 channel means and 6 settings times `weights` (15 x 2)."""
+def linear(
+    path: Path,
+    weights: NDArray[np.float32],
+    offset: Sequence[float] = (0.0, 0.0),
+    **form: dict[str, Any],
+) -> Path:
+    """Write a network that answers with all channel means, then 6 settings, times `weights`."""
     nodes = [
         helper.make_node("ReduceMean", ["images"], ["means"], axes=[2, 3], keepdims=0),
         helper.make_node("Concat", ["means", "settings"], ["features"], axis=1),
         helper.make_node("MatMul", ["features", "weights"], ["product"]),
         helper.make_node("Add", ["product", "offset"], ["next_settings"]),
     ]
-    return write(path, nodes, {"weights": weights, "offset": np.array(offset, np.float32)})
+    constants = {"weights": weights, "offset": np.array(offset, np.float32)}
+    return write(path, nodes, constants, **form)
 
 
 def constant(path: Path, answer: Sequence[float]) -> Path:
@@ -115,6 +123,25 @@ def test_every_input_is_in_its_place(tmp_path: Path, feature: int) -> None:
             controller.step(history[0])
             answer = controller.diagnostics()["exposure_answer"]
             assert answer == pytest.approx(expected(history, feature), rel=1e-4)
+
+
+@pytest.mark.parametrize("channel", range(6))
+def test_a_network_may_ask_for_thumbnails(tmp_path: Path, channel: int) -> None:
+    weights = np.zeros((12, 2), np.float32)
+    weights[channel] = 1
+    path = linear(
+        tmp_path / "small.onnx",
+        weights,
+        metadata=METADATA | {"picture": "thumbnail"},
+        shapes=SHAPES | {"images": ["N", 6, 48, 64]},
+    )
+    controller = NetworkController(path)
+    controller.reset(THESIS_LIMITS)
+    for seen in FRAMES[:3]:
+        controller.step(seen)
+    shown = thumbnail(FRAMES[2 - channel // 2].image, "bayer_rggb8")[channel % 2]
+    answer = controller.diagnostics()["exposure_answer"]
+    assert answer == pytest.approx(shown.mean() / 255, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -213,6 +240,7 @@ def constant_of_shape(
         (METADATA | {"exposure_us_lo": "short"}, "exposure_us_lo is 'short', not a number"),
         (METADATA | {"exposure_us_lo": "nan"}, "exposure_us_lo is 'nan', not a number"),
         (METADATA | {"gain_db_lo": "30"}, "gain_db_lo=30 is not below gain_db_hi=30"),
+        (METADATA | {"picture": "hologram"}, "picture is 'hologram', which this version cannot"),
     ],
 )
 def test_wrong_metadata_is_refused(tmp_path: Path, metadata: dict[str, str], message: str) -> None:
