@@ -6,7 +6,6 @@ import errno
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 Views = Sequence[memoryview]
@@ -68,20 +67,30 @@ class FailsOnce(RealOs):
         self.writes = 0
 
     def writev(self, fd: int, views: Views) -> int:
+        self._count()
+        return os.writev(fd, views)
+
+    def pwrite(self, fd: int, data: memoryview, start: int) -> int:
+        self._count()
+        return os.pwrite(fd, data, start)
+
+    def _count(self) -> None:
         self.writes += 1
         if self.writes == self.at + 1:
             raise OSError(self.error, os.strerror(self.error))
-        return os.writev(fd, views)
 
 
 class ShortWrites(RealOs):
-    """Takes no more than `most` bytes at a time."""
+    """Takes no more than `most` bytes at a time, past the page cache whole blocks of them."""
 
     def __init__(self, most: int) -> None:
         self.most = most
 
     def writev(self, fd: int, views: Views) -> int:
         return os.write(fd, b"".join(views)[: self.most])
+
+    def pwrite(self, fd: int, data: memoryview, start: int) -> int:
+        return os.pwrite(fd, data[: max(4096, self.most - self.most % 4096)], start)
 
 
 @dataclass(slots=True)
@@ -120,9 +129,3 @@ class Journal:
                 data.extend(bytes(max(0, start + len(reached) - len(data))))
                 data[start : start + len(reached)] = reached
         return bytes(data)
-
-
-def sync_after(journal: Journal, path: Path) -> None:
-    """Note that everything written so far is on the disk."""
-    with path.open("rb") as file:
-        journal.fdatasync(file.fileno())

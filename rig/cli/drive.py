@@ -10,11 +10,13 @@ from rig.cli.exits import INTERRUPTED, LOSSES, OK
 from rig.cli.interrupt import StopRequest, stop_on_signal
 from rig.cli.provenance import command_line, git_commit, versions
 from rig.cli.terminal import Advance, Terminal
+from rig.core.errors import RecordingError
 from rig.core.protocols import PairPolicy, Source
 from rig.core.types import Pair
 from rig.loop import RunSummary, run_pair
 from rig.record.header import RunHeader
-from rig.record.writer import RecordWriter
+from rig.record.recover import repair_left_behind
+from rig.record.writer import Expected, RecordWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +46,24 @@ def record_drive(
     """Drive `source` by `policy` for `frames` triggers, or to its end, into `folder`."""
     triggers = frames if frames is not None else source.drive_triggers
     announce(source, triggers, terminal)
+    repair_killed_runs(folder.parent, terminal)
+    expected = Expected(triggers, source.rate_hz)
     with (
         stop_on_signal() as stop,
-        RecordWriter(folder, header, real_time=source.real_time) as recorder,
+        RecordWriter(folder, header, real_time=source.real_time, expected=expected) as recorder,
         terminal.progress("driving", triggers) as advance,
     ):
         run = run_pair(source, policy, recorder, until(triggers, stop, advance))
     return Drive(folder, run, stop.requested)
+
+
+def repair_killed_runs(runs: Path, terminal: Terminal) -> None:
+    """Repair what an earlier run left unfinished among `runs`, and say so."""
+    for path, found in repair_left_behind(runs):
+        if isinstance(found, RecordingError):
+            terminal.say(f"an earlier run was killed and cannot be repaired: {found}")
+        else:
+            terminal.say(f"repaired {path}, a run that was killed: {found.triggers} triggers kept")
 
 
 def announce(source: Source, triggers: int | None, terminal: Terminal) -> None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import queue
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 from rig.core.errors import RecordingError
 from rig.core.types import Frame, Lost, Pair, PairRecord
-from rig.record import bag
-from rig.record.file import keep_picture_buffers
+from rig.record import bag, file
 from rig.record.header import RunHeader
 from rig.record.recover import recover
 from rig.record.sink import Sink
@@ -24,6 +25,20 @@ _WAITING_REAL_TIME = 110
 _WAITING_VIRTUAL_TIME = 8
 _STALLED_TRIGGERS = 10_000
 _LOOK_UP_S = 0.2
+_SMALL_BYTES = 2_000
+_SHORTEST_S = 10.0
+_FASTEST_HZ = 55.0
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """How long a run will be: None is without end, or as fast as the exposures allow."""
+
+    triggers: int | None = None
+    rate_hz: float | None = None
+
+
+UNKNOWN = Expected()
 
 
 class RecordWriter:
@@ -36,9 +51,12 @@ class RecordWriter:
     the `with` block, after which the file is finalised with all that was written.
     """
 
-    def __init__(self, folder: Path, header: RunHeader, *, real_time: bool) -> None:
+    def __init__(
+        self, folder: Path, header: RunHeader, *, real_time: bool, expected: Expected = UNKNOWN
+    ) -> None:
         self.path = folder / FILE_NAME
         self._header = header
+        self._expected = expected
         self._real_time = real_time
         self._queue: queue.SimpleQueue[tuple[PairRecord, bool] | None] = queue.SimpleQueue()
         self._places: queue.SimpleQueue[None] = queue.SimpleQueue()
@@ -54,6 +72,7 @@ class RecordWriter:
     def __enter__(self) -> Self:
         """Create the file; raises RecordingError when it exists or there is no room for it."""
         try:
+            self._refuse_low_disk()
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._sink = Sink(self.path, self._header, live=self._real_time)
         except FileExistsError:
@@ -65,7 +84,7 @@ class RecordWriter:
                 f"cannot create {self.path}: {error.strerror}; name another folder with --out"
             ) from error
         if self._real_time:
-            keep_picture_buffers()
+            file.keep_picture_buffers()
         self._owner = threading.current_thread()
         threading.Thread(target=self._work, name="rig-recorder").start()
         self._open = True
@@ -99,6 +118,20 @@ class RecordWriter:
         self._report()
         if interrupted:
             raise KeyboardInterrupt
+
+    def _refuse_low_disk(self) -> None:
+        """Raise RecordingError when the run, or ten seconds of an endless one, will not fit."""
+        room = file.free_bytes(self.path.parent)
+        lenses = self._header.intrinsics
+        fits = room // sum(lens.width_px * lens.height_px + _SMALL_BYTES for lens in lenses)
+        rate_hz = self._expected.rate_hz or _FASTEST_HZ
+        wanted = self._expected.triggers or math.ceil(_SHORTEST_S * rate_hz)
+        if fits < wanted:
+            raise RecordingError(
+                f"{self.path.parent}: the disk has room for {fits / rate_hz:.0f} s of pictures "
+                f"({room / 1e6:.0f} MB, {fits} triggers of {wanted}); free space, take fewer "
+                "--frames, or name a folder on another disk with --out"
+            )
 
     def _take_place(self) -> bool:
         try:

@@ -1,0 +1,449 @@
+"""Every fault of a disk, a process or the power: what was written is kept, or said to be lost."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import random
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from record_disk import FailsOnce, Journal, RealOs, ShortWrites
+from record_samples import HEADER, assert_same, half, record, write
+
+from rig.core.errors import RecordingDamaged, RecordingError
+from rig.record import backing, sink
+from rig.record import file as file_module
+from rig.record.container import parts
+from rig.record.file import RecordingFile
+from rig.record.reader import open_recording
+from rig.record.recover import recover, repair_left_behind
+from rig.record.sink import Sink
+from rig.record.verify import verify
+from rig.record.writer import Expected, RecordWriter
+
+RECORDS = [record(t) for t in range(6)]
+PART_BYTES = 60_000
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chunk a trigger, and little room kept back."""
+    monkeypatch.setattr(sink, "CHUNK_BYTES", 1)
+    monkeypatch.setattr(sink, "_RESERVE_BYTES", 100_000)
+
+
+@pytest.fixture
+def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sink, "PART_BYTES", PART_BYTES)
+
+
+def use_disk(monkeypatch: pytest.MonkeyPatch, disk: object) -> None:
+    for module in (backing, file_module):
+        monkeypatch.setattr(module, "os", disk)
+
+
+def write_live(folder: Path, records: list[Any]) -> None:
+    with RecordWriter(folder, HEADER, real_time=True) as writer:
+        for each in records:
+            writer.write(each)
+
+
+def write_either(folder: Path, way: str) -> None:
+    (write_live if way == "live" else write)(folder, RECORDS)
+
+
+def fast_and_heavy(fast: int, all_: int) -> list[Any]:
+    """Return the first seeds for every test run, the others for a thorough one."""
+    return [range(fast), pytest.param(range(fast, all_), marks=pytest.mark.heavy)]
+
+
+WAYS = pytest.mark.parametrize("way", ["live", "simulated"])
+
+
+@WAYS
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_at_any_write_loses_pictures_and_says_so(
+    tmp_path: Path, way: str, error: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for at in range(100):
+        folder, disk = tmp_path / str(at), FailsOnce(at, error)
+        with monkeypatch.context() as patched:
+            use_disk(patched, disk)
+            try:
+                write_either(folder, way)
+            except RecordingError as problem:
+                assert "disk is full" in str(problem)
+        found = verify(folder)
+        assert found.sound, (at, found.false_claims)
+        assert found.pairs + sum(found.lost.values()) == len(RECORDS)
+        assert list(folder.glob("*.reserve")) == []
+        if disk.writes <= at:
+            return
+    pytest.fail("the last write was never reached")
+
+
+@WAYS
+@pytest.mark.parametrize("error", [errno.EIO, errno.EFBIG])
+def test_a_broken_disk_at_any_write_keeps_what_was_written(
+    tmp_path: Path, way: str, error: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for at in range(100):
+        folder, disk = tmp_path / str(at), FailsOnce(at, error)
+        with monkeypatch.context() as patched:
+            use_disk(patched, disk)
+            try:
+                write_either(folder, way)
+            except RecordingError as problem:
+                assert "\n" not in str(problem)
+                if at < 10 and "cannot create" in str(problem):
+                    continue
+        if disk.writes <= at:
+            assert verify(folder).pairs == len(RECORDS)
+            return
+        found = verify(folder)
+        assert found.sound, (at, found.false_claims)
+        for each in open_recording(folder).records():
+            assert_same(each, RECORDS[each.trigger])
+    pytest.fail("the last write was never reached")
+
+
+@WAYS
+@pytest.mark.parametrize("most", [1, 7, 5_000])
+def test_short_writes_change_nothing(
+    tmp_path: Path, way: str, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = write(tmp_path / "whole", RECORDS).read_bytes()
+    use_disk(monkeypatch, ShortWrites(most))
+    write_either(tmp_path / "short", way)
+    assert (tmp_path / "short" / "run.mcap").read_bytes() == expected
+
+
+def test_a_live_recording_has_the_same_bytes_as_a_simulated_one(tmp_path: Path) -> None:
+    write_live(tmp_path / "live", RECORDS)
+    written = write(tmp_path / "simulated", RECORDS).read_bytes()
+    assert (tmp_path / "live" / "run.mcap").read_bytes() == written
+
+
+def test_a_file_system_without_direct_writes_is_written_through_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class NoDirect(RealOs):
+        def open(self, path: Any, flags: int, mode: int = 0o777) -> int:
+            if flags & os.O_DIRECT:
+                raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+            return os.open(path, flags, mode)
+
+    use_disk(monkeypatch, NoDirect())
+    write_live(tmp_path, RECORDS)
+    assert verify(tmp_path).pairs == len(RECORDS)
+
+
+def test_a_file_size_limit_of_the_system_ends_the_file_in_one_line(tmp_path: Path) -> None:
+    script = f"""
+import resource
+from pathlib import Path
+from record_samples import record, write
+from rig.core.errors import RecordingError
+from rig.record import sink
+sink.CHUNK_BYTES, sink._RESERVE_BYTES = 1, 1000
+resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, {resource.RLIM_INFINITY}))
+try:
+    write(Path({str(tmp_path)!r}), [record(t) for t in range(20)])
+except RecordingError as error:
+    print(error)
+"""
+    said = run_python(["-c", script]).splitlines()
+    assert len(said) == 1
+    assert os.strerror(errno.EFBIG) in said[0]
+    recover(tmp_path)  # the limit left no room for the index
+    found = verify(tmp_path)
+    assert found.sound
+    assert 0 < found.pairs < 20
+
+
+def test_a_failed_sync_is_raised_by_the_next_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class NoSync(RealOs):
+        def fdatasync(self, fd: int) -> None:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(file_module, "_SYNC_EVERY_S", 0.001)
+    use_disk(monkeypatch, NoSync())
+    file = RecordingFile(tmp_path / "x", reserve_bytes=100, live=True)
+    assert file._syncer is not None
+    file._syncer._thread.join()
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+        file.write([b"more"])
+    file.close()
+
+
+def test_the_disk_is_asked_to_keep_a_live_file_twice_a_second(tmp_path: Path) -> None:
+    assert file_module._SYNC_EVERY_S <= 0.5
+    journal = Journal()
+    with pytest.MonkeyPatch.context() as patched:
+        use_disk(patched, journal)
+        patched.setattr(file_module, "_SYNC_EVERY_S", 0.001)
+        with RecordWriter(tmp_path, HEADER, real_time=True) as writer:
+            while not journal.synced:
+                writer.write(RECORDS[0])
+                break
+            for _ in range(10_000):
+                if journal.synced:
+                    break
+                os.sched_yield()
+    assert journal.synced
+
+
+def lost_power(journal: Journal, draw: random.Random) -> tuple[bytes, int]:
+    """Return a file after lost power, and how many writes it must still hold."""
+    writes = draw.randint(1, len(journal.writes))
+    sure = max((count for count in journal.synced if count <= writes), default=0)
+    unsure = range(sure, writes)
+    kept = {number for number in unsure if draw.random() < 0.6}
+    torn = {
+        number: draw.randrange(len(journal.writes[number][1]))
+        for number in kept
+        if draw.random() < 0.3
+    }
+    return journal.state(writes, kept, torn), sure
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(40), pytest.param(range(40, 1_000), marks=pytest.mark.heavy)]
+)
+def test_lost_power_costs_only_what_was_not_synced(
+    tmp_path: Path, seeds: range, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever became of the writes after the last sync, those before it are there."""
+    journal = Journal()
+    use_disk(monkeypatch, journal)
+    whole = Sink(tmp_path / "whole.mcap", HEADER, live=False)
+    begun, after = len(journal.writes), {}
+    for trigger in range(24):
+        whole.take(record(trigger))
+        after[len(journal.writes)] = trigger + 1
+        if trigger % 5 == 4:
+            journal.fdatasync(whole._part._file._backing.fd)
+    whole.finish()
+    whole.close_file()
+    monkeypatch.undo()
+    file = tmp_path / "run.mcap"
+    for seed in seeds:
+        data, sure = lost_power(journal, random.Random(seed))
+        file.write_bytes(data)
+        try:
+            recover(file)
+        except RecordingError as error:
+            assert sure <= begun, (seed, error)
+            continue
+        found = verify(file)
+        assert found.sound, (seed, found.false_claims)
+        assert found.pairs >= after.get(sure, 0), seed
+        for each in open_recording(file).records():
+            assert_same(each, record(each.trigger))
+
+
+@pytest.mark.parametrize("step", [101, pytest.param(1, marks=pytest.mark.heavy)])
+def test_a_cut_at_any_byte_is_repaired_or_refused(tmp_path: Path, step: int) -> None:
+    whole = write(tmp_path / "whole", [record(0), half(1), record(2)]).read_bytes()
+    file = tmp_path / "run.mcap"
+    kept = 0
+    for size in range(0, len(whole), step):
+        file.write_bytes(whole[:size])
+        try:
+            recover(file)
+        except RecordingError as error:
+            assert "\n" not in str(error)
+            assert file.read_bytes() == whole[:size]
+            assert kept == 0
+            continue
+        found = verify(file)
+        assert found.sound
+        triggers = found.pairs + sum(found.lost.values())
+        assert triggers >= kept
+        kept = triggers
+    assert kept == 3
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(60), pytest.param(range(60, 2_000), marks=pytest.mark.heavy)]
+)
+def test_a_damaged_stretch_in_the_middle_is_stepped_over(tmp_path: Path, seeds: range) -> None:
+    """Sizes, opcodes and pixels that were overwritten cost their own chunks, never the rest."""
+    whole = write(tmp_path / "whole", [record(t) for t in range(40)]).read_bytes()
+    file = tmp_path / "run.mcap"
+    for seed in seeds:
+        draw = random.Random(seed)
+        data = bytearray(whole)
+        start, size = draw.randrange(16_000, 40_000), draw.choice([1, 9, 200, 6_000])
+        data[start : start + size] = draw.randbytes(size)
+        file.write_bytes(data)
+        recover(file)
+        found = {each.trigger for each in open_recording(file).records()}
+        assert len(found) >= 40 - 2 - size // 1_500, seed
+        assert verify(file).sound == (found == set(range(40)))
+        assert not recover(file).repaired
+
+
+@pytest.mark.usefixtures("small_parts")
+@WAYS
+def test_a_long_run_is_split_without_a_gap(tmp_path: Path, way: str) -> None:
+    records = [record(0), half(1), *(record(t) for t in range(2, 90))]
+    (write_live if way == "live" else write)(tmp_path, records)
+    files = parts(tmp_path / "run.mcap")
+    assert [file.name for file in files] == [
+        "run.mcap",
+        *(f"run_{n}.mcap" for n in range(1, len(files))),
+    ]
+    assert len(files) > 3
+    assert all(file.stat().st_size < PART_BYTES + 30_000 for file in files)
+    found = verify(tmp_path)
+    assert (found.sound, found.pairs) == (True, 89), found.false_claims
+    recording = open_recording(tmp_path)
+    assert len(recording) == 90
+    for each, expected in zip(recording.records(), records, strict=True):
+        assert_same(each, expected)
+    assert not recover(tmp_path).repaired
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_parts_that_do_not_belong_together_are_found(tmp_path: Path) -> None:
+    write(tmp_path / "a", [record(t) for t in range(60)])
+    files = parts(tmp_path / "a" / "run.mcap")
+    with pytest.raises(RecordingError, match=r"run_1\.mcap is a later part of .*run\.mcap"):
+        open_recording(files[1])
+    last = files[-1].read_bytes()
+    files[-1].unlink()
+    with pytest.raises(RecordingError, match=f"{files[-1].name} is missing"):
+        open_recording(tmp_path / "a")
+    files[-1].write_bytes(last)
+    files[1].unlink()
+    with pytest.raises(RecordingError, match=r"run_1\.mcap is missing"):
+        open_recording(tmp_path / "a")
+    files[1].write_bytes(files[2].read_bytes())
+    assert not verify(tmp_path / "a").sound
+
+
+@pytest.mark.usefixtures("small_parts")
+def test_a_part_that_was_only_begun_is_taken_away(tmp_path: Path) -> None:
+    write(tmp_path, [record(t) for t in range(60)])
+    files = parts(tmp_path / "run.mcap")
+    files[-1].write_bytes(files[-1].read_bytes()[:300])
+    found = recover(tmp_path)
+    assert found.repaired
+    assert parts(tmp_path / "run.mcap") == files[:-1]
+    assert verify(tmp_path).sound
+    assert not recover(tmp_path).repaired
+
+
+def run_python(arguments: list[str]) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    return subprocess.run(
+        [sys.executable, *arguments], env=environment, check=True, capture_output=True, text=True
+    ).stdout
+
+
+def signalled(
+    folder: Path, seeds: range, signals: list[int], part_bytes: int = 1 << 30
+) -> Iterator[dict[str, Any]]:
+    asked = {"folder": str(folder), "seeds": list(seeds), "signals": signals}
+    asked |= {"part_bytes": part_bytes}
+    child = str(Path(__file__).parents[1] / "record_child.py")
+    for line in run_python([child, json.dumps(asked)]).splitlines():
+        yield json.loads(line)
+
+
+@pytest.mark.parametrize("part_bytes", [1 << 30, PART_BYTES])
+@pytest.mark.parametrize("seeds", fast_and_heavy(4, 60))
+def test_a_kill_at_any_moment_costs_a_chunk_at_most(
+    tmp_path: Path, seeds: range, part_bytes: int
+) -> None:
+    for told in signalled(tmp_path, seeds, [9], part_bytes):
+        assert told["code"] == -9
+        folder = Path(told["folder"])
+        with pytest.raises(RecordingDamaged):
+            open_recording(folder)
+        assert recover(folder).repaired, told
+        found = verify(folder)
+        assert found.sound, (told, found.false_claims)
+        assert found.pairs + sum(found.lost.values()) >= told["kept"], told
+        assert list(folder.glob("*.reserve")) == []
+
+
+SIGNALS = {"interrupt": [2], "two interrupts": [2, 2], "terminate": [15]}
+
+
+@pytest.mark.parametrize("signals", SIGNALS.values(), ids=SIGNALS)
+@pytest.mark.parametrize("seeds", fast_and_heavy(4, 71))
+def test_a_signal_at_any_moment_leaves_a_whole_file(
+    tmp_path: Path, seeds: range, signals: list[int]
+) -> None:
+    """With the heavy seeds 213 moments; each file is whole within two seconds."""
+    for told in signalled(tmp_path, seeds, signals):
+        assert told["code"] in (130, -2), told
+        assert told["seconds"] < 2.0, told
+        found = verify(Path(told["folder"]))
+        assert found.sound, (told, found.false_claims)
+        assert found.pairs + sum(found.lost.values()) >= told["kept"], told
+
+
+def test_the_next_start_repairs_what_a_killed_run_left(tmp_path: Path) -> None:
+    list(signalled(tmp_path, range(2), [9]))
+    write(tmp_path / "whole", RECORDS)
+    repaired = dict(repair_left_behind(tmp_path))
+    assert set(repaired) == {tmp_path / name / "run.mcap" for name in ("0", "1")}
+    assert all(verify(path).sound for path in repaired)
+    assert list(repair_left_behind(tmp_path)) == []
+
+
+def test_what_cannot_be_repaired_is_said(tmp_path: Path) -> None:
+    (tmp_path / "0").mkdir()
+    (tmp_path / "0" / "run.mcap").write_bytes(b"")
+    (tmp_path / "0" / "run.mcap.reserve").write_bytes(b"")
+    ((path, problem),) = repair_left_behind(tmp_path)
+    assert path == tmp_path / "0" / "run.mcap"
+    assert isinstance(problem, RecordingError)
+
+
+def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path) -> None:
+    with RecordWriter(tmp_path / "0", HEADER, real_time=True) as writer:
+        writer.write(RECORDS[0])
+        with pytest.raises(RecordingError, match="is being recorded"):
+            recover(tmp_path / "0")
+        assert list(repair_left_behind(tmp_path)) == []
+    assert verify(tmp_path / "0").pairs == 1
+
+
+@pytest.mark.parametrize(
+    ("expected", "words"),
+    [
+        (Expected(1_000, 10.0), r"room for 36 s of pictures \(2 MB, 361 triggers of 1000\)"),
+        (Expected(None, 55.0), r"room for 7 s of pictures \(2 MB, 361 triggers of 550\)"),
+    ],
+)
+def test_a_disk_too_small_for_the_run_is_refused_with_seconds(
+    tmp_path: Path, expected: Expected, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_module, "free_bytes", lambda _: 2_000_000)
+    with (
+        pytest.raises(RecordingError, match=words),
+        RecordWriter(tmp_path / "run", HEADER, real_time=True, expected=expected),
+    ):
+        pass
+    assert not (tmp_path / "run").exists()
+    with RecordWriter(tmp_path / "run", HEADER, real_time=True, expected=Expected(300, 10.0)):
+        pass
+
+
+def test_free_room_is_that_of_the_disk(tmp_path: Path) -> None:
+    room = os.statvfs(tmp_path)
+    found = file_module.free_bytes(tmp_path / "not" / "there")
+    assert found == pytest.approx(room.f_bavail * room.f_frsize, rel=0.1)
