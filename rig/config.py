@@ -6,10 +6,11 @@ Every file is TOML. A field that no one knows is refused, and so is a value outs
 
 from __future__ import annotations
 
+import datetime
 import difflib
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
@@ -154,6 +155,64 @@ def load_camera_model(name_or_path: str) -> CameraModel:
     close = difflib.get_close_matches(name_or_path, shipped, n=1)
     hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(sorted(shipped))}."
     raise ConfigError(f"unknown camera model {name_or_path!r}; {hint} Or name a .toml file.")
+
+
+class LensCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One camera with its lens at one picture size; `distortion` is OpenCV's k1 k2 p1 p2 k3."""
+
+    width_px: Annotated[int, msgspec.Meta(gt=0)]
+    height_px: Annotated[int, msgspec.Meta(gt=0)]
+    fx_px: Positive
+    fy_px: Positive
+    cx_px: float
+    cy_px: float
+    distortion: tuple[float, float, float, float, float]
+    residual_px: NotNegative
+
+
+class StereoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """From the primary's optical frame to the secondary's: x2 = rotation (by rows) x1 + shift."""
+
+    rotation: Annotated[tuple[float, ...], msgspec.Meta(min_length=9, max_length=9)]
+    translation_m: tuple[float, float, float]
+    baseline_m: Positive
+    baseline_sigma_m: NotNegative
+    residual_px: NotNegative
+
+
+class ApertureCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How alike both cameras see: the secondary's light over the primary's, in stops."""
+
+    ratio_stops: float
+    uncertainty_stops: NotNegative
+    tolerance_stops: Positive
+    linearity_stops: NotNegative
+    exposure_us: Positive
+    gain_db: NotNegative
+
+
+class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is known of one pair of cameras; `date` is a day as YYYY-MM-DD, `lens` a name or ''."""
+
+    schema: Literal["rig.calibration/1"]
+    date: datetime.date
+    primary_serial: str
+    secondary_serial: str
+    lens: str = ""
+    primary: LensCalibration | None = None
+    secondary: LensCalibration | None = None
+    stereo: StereoCalibration | None = None
+    aperture: ApertureCalibration | None = None
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Return a calibration file; raises ConfigError when it does not say what it must."""
+    return _decode(_read(path), str(path), Calibration)
+
+
+def parse_calibration(text: bytes, file: str) -> Calibration:
+    """Return the calibration that `text` of `file` holds; raises ConfigError."""
+    return _decode(text, file, Calibration)
 
 
 def _read(path: Path) -> bytes:
