@@ -30,13 +30,17 @@ class Picture:
     make: Callable[[Frame], NDArray[np.float32]]
 
 
+def _share(bytes_of_255: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return bytes_of_255.astype(np.float32) * np.float32(1 / 255)
+
+
 PICTURES: Mapping[str, Picture] = {
     "rgb224": Picture(
         (3, NETWORK_PX, NETWORK_PX), lambda frame: to_rgb224(frame.image, frame.pixel_format)
     ),
     "thumbnail": Picture(
         (2, THUMBNAIL_PX[1], THUMBNAIL_PX[0]),
-        lambda frame: thumbnail(frame.image, frame.pixel_format).astype(np.float32) / 255,
+        lambda frame: _share(thumbnail(frame.image, frame.pixel_format)),
     ),
 }
 """The pictures that the metadata's `picture` may ask for; `rgb224` where it says nothing."""
