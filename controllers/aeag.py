@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from rig.core.autoexposure import AutoExposure
 from rig.core.errors import ControllerError
@@ -18,6 +20,13 @@ class AeagController:
     `start_us` and `start_db` are where the camera begins. Raises ValueError when one is out of
     range.
     """
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Mapping[str, str]]]] = {
+        "preset": {
+            "tuned": {},
+            "vendor": {"target_dn": "110", "damping": "0.5", "exposure_us_max": "30000"},
+        }
+    }
 
     target_dn: float = 110.0
     damping: float = 0.5

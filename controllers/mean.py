@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rig.controllers.split import brightness_us, check_cap, split
 from rig.core.types import THESIS_LIMITS, Command, Diagnostics, Frame, Limits, Settings
-from rig.core.units import gain_db, gain_factor
 
 FULL_SCALE_DN = 255.0
 STEEPEST = 8.0
@@ -37,8 +37,7 @@ class MeanController:
             raise ValueError(f"percent must be above 0 and at most 100, got {self.percent!r}")
         if not 0 < self.speed <= 1:
             raise ValueError(f"speed must be above 0 and at most 1, got {self.speed!r}")
-        if not self.exposure_us_max > 0:
-            raise ValueError(f"exposure_us_max must be > 0, got {self.exposure_us_max!r}")
+        check_cap(self.exposure_us_max)
 
     def reset(self, limits: Limits) -> Command:
         """Begin at 1 ms without gain, or as near to it as the camera can."""
@@ -49,21 +48,19 @@ class MeanController:
         """Return settings whose picture of the same scene has the mean aimed for."""
         self._mean_dn = float(frame.image.mean())
         target_dn = self.percent / 100 * FULL_SCALE_DN
-        if abs(self._mean_dn - target_dn) <= DEAD_BAND * target_dn:
+        factor = correction(self._mean_dn, target_dn)
+        if factor == 1:
             return frame.used.clamp(self._limits)
-        ratio = np.clip(target_dn / max(self._mean_dn, 1.0), 1 / STEEPEST, STEEPEST)
-        brightness_us = frame.used.exposure_us * gain_factor(frame.used.gain_db)
-        return self._split(brightness_us * float(ratio) ** self.speed)
+        wanted_us = brightness_us(frame.used) * factor**self.speed
+        return split(wanted_us, self._limits, self.exposure_us_max)
 
     def diagnostics(self) -> Diagnostics:
         """Return the mean that the last step saw."""
         return {"mean_dn": self._mean_dn}
 
-    def _split(self, brightness_us: float) -> Settings:
-        """Return the settings of a brightness (exposure x gain factor): gain only above the cap."""
-        shortest_us, longest_us = self._limits.exposure_us
-        cap_us = max(min(self.exposure_us_max, longest_us), shortest_us)
-        least_gain = gain_factor(self._limits.gain_db[0])
-        exposure_us = min(max(brightness_us / least_gain, shortest_us), cap_us)
-        gain = max(brightness_us / exposure_us, 1.0)
-        return Settings(exposure_us, gain_db(gain)).clamp(self._limits)
+
+def correction(measured_dn: float, target_dn: float) -> float:
+    """Return the factor from what was measured to the target; 1 inside the dead band."""
+    if abs(measured_dn - target_dn) <= DEAD_BAND * target_dn:
+        return 1.0
+    return float(np.clip(target_dn / max(measured_dn, 1.0), 1 / STEEPEST, STEEPEST))

@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from rig.core.errors import UsageError
+from rig.core.errors import ControllerError, UsageError
 from rig.core.protocols import Controller
 
 CONTROLLERS: Mapping[str, str] = {
+    "ae": "AeController",
     "aeag": "AeagController",
     "fixed": "FixedController",
+    "geomean": "GeomeanController",
+    "kim": "KimController",
+    "lu": "LuController",
     "mean": "MeanController",
     "network": "NetworkController",
+    "shim": "ShimController",
     "shin": "ShinController",
+    "zhang": "ZhangController",
 }
 """The class of each controller, in the module of the controller's name; loaded when asked for."""
+
+ALIASES: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    f"mean-{percent}": ("mean", {"percent": f"{percent}"}) for percent in (30, 50, 70)
+}
+"""Further names: a controller and options that it is given beforehand."""
+
+PLUGINS = "rig.controllers"
+"""The group of entry points through which other packages bring controllers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +64,37 @@ def make_controller(spec: str, *, seed: int, networks: Mapping[str, Path]) -> Na
         if given:
             raise UsageError(f"{spec}: {name} is a network file and takes no options")
         name, given = "network", {"model": str(networks[name])}
-    if name not in CONTROLLERS:
-        known = sorted({*CONTROLLERS, *networks})
-        raise UsageError(f"unknown controller {name!r}; {_hint(name, known)}")
-    controller_class = getattr(import_module(f"rig.controllers.{name}"), CONTROLLERS[name])
+    if name in ALIASES:
+        name, before = ALIASES[name]
+        given = {**before, **given}
+    controller_class = _find(name, networks)
     controller, options = _build(spec, controller_class, given, seed)
     model = options.get("model")
     return NamedController(spec, controller, options, None if model is None else Path(model))
+
+
+def _find(name: str, networks: Mapping[str, Path]) -> Any:
+    """Return the class of a controller of this package or of a plug-in."""
+    if name in CONTROLLERS:
+        return getattr(import_module(f"rig.controllers.{name}"), CONTROLLERS[name])
+    plugins = {point.name: point for point in entry_points(group=PLUGINS)}
+    if name not in plugins:
+        known = sorted({*CONTROLLERS, *ALIASES, *networks, *plugins})
+        raise UsageError(f"unknown controller {name!r}; {_hint(name, known)}")
+    point = plugins[name]
+    try:
+        found = point.load()
+    except Exception as problem:  # whatever a stranger's module raises, it is one line here
+        raise ControllerError(
+            f"controller {name!r}: its plug-in {point.value} cannot be loaded "
+            f"({type(problem).__name__}: {problem}); repair or uninstall that package"
+        ) from problem
+    if not (isinstance(found, type) and is_dataclass(found)):
+        raise ControllerError(
+            f"controller {name!r}: its plug-in {point.value} is no dataclass; "
+            "a controller's fields are its options"
+        )
+    return found
 
 
 def _options(spec: str, text: str) -> dict[str, str]:
@@ -76,10 +115,13 @@ def _build(
 ) -> tuple[Controller, dict[str, str]]:
     """Make the controller; its constructor's fields are its options."""
     types = get_type_hints(controller_class)
-    known = [field.name for field in fields(controller_class) if field.init]
+    presets = getattr(controller_class, "PRESETS", {})
+    own = [field.name for field in fields(controller_class) if field.init]
+    known = [*own, *(key for key in presets if key not in own)]
     for key in given:
         if key not in known:
             raise UsageError(f"{spec}: unknown option {key!r}; {_hint(key, known)}")
+    given = _with_presets(spec, presets, own, given)
     values = {"seed": seed} if "seed" in known else {}
     values |= {key: _value(spec, key, text, types[key]) for key, text in given.items()}
     for field in fields(controller_class):
@@ -89,7 +131,26 @@ def _build(
         controller: Controller = controller_class(**values)
     except ValueError as problem:
         raise UsageError(f"{spec}: {problem}") from problem
-    return controller, {key: str(getattr(controller, key)) for key in known}
+    return controller, {key: str(getattr(controller, key)) for key in own}
+
+
+def _with_presets(
+    spec: str,
+    presets: Mapping[str, Mapping[str, Mapping[str, str]]],
+    own: list[str],
+    given: Mapping[str, str],
+) -> dict[str, str]:
+    """Return the options given, and before them those that a preset among them stands for."""
+    before: dict[str, str] = {}
+    for key, table in presets.items():
+        if key not in given:
+            continue
+        if key not in own and given[key] not in table:
+            raise UsageError(
+                f"{spec}: unknown {key} {given[key]!r}; {_hint(given[key], sorted(table))}"
+            )
+        before |= table.get(given[key], {})
+    return before | {key: text for key, text in given.items() if key in own}
 
 
 def _value(spec: str, key: str, text: str, kind: Any) -> Any:

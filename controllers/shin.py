@@ -15,6 +15,7 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.controllers.arrival import Arrival
 from rig.controllers.search import Evaluation, Point, Search, nelder_mead
 from rig.core.autoexposure import AutoExposure
 from rig.core.types import (
@@ -43,10 +44,6 @@ MIDDLE_DN = 128.0
 FLAT_FRAMES_MAX = 3
 """So many frames in a row without gradients end a search: the light has gone."""
 
-ARRIVED_RATIO, ARRIVED_DB = 0.01, 0.1
-WAIT_FRAMES_MAX = 8
-"""A frame taken with other settings than asked is waited for, but not longer than this."""
-
 
 @dataclass(slots=True)
 class ShinController:
@@ -71,7 +68,7 @@ class ShinController:
     _evaluations: int = field(init=False, default=0)
     _searches: int = field(init=False, default=0)
     _flat_frames: int = field(init=False, default=0)
-    _waited_frames: int = field(init=False, default=0)
+    _arrival: Arrival = field(init=False, default_factory=Arrival)
 
     def __post_init__(self) -> None:
         self._tolerance = _number(self.tolerance)
@@ -93,7 +90,8 @@ class ShinController:
         self._limits = limits
         self._command = Auto().start.clamp(limits)
         self._score = self._search = self._best = None
-        self._evaluations = self._searches = self._flat_frames = self._waited_frames = 0
+        self._evaluations = self._searches = self._flat_frames = 0
+        self._arrival = Arrival()
         return self._command
 
     def step(self, frame: Frame) -> Command:
@@ -141,8 +139,7 @@ class ShinController:
 
     def _continue_search(self, search: Search, used: Settings, score: ShinScore) -> Command:
         """Stamp the metric with the settings that were really used, once they have arrived."""
-        if not _arrived(used, self._command) and self._waited_frames < WAIT_FRAMES_MAX:
-            self._waited_frames += 1
+        if not self._arrival.due(used, self._command):
             return self._command
         cost = UNUSABLE_COST if score.flat else -score.score
         return self._evaluate(search, Evaluation(_point(used), cost))
@@ -152,7 +149,6 @@ class ShinController:
 
         Points outside the limits cost an evaluation but no frame.
         """
-        self._waited_frames = 0
         while self._evaluations < self.evaluations_max:
             self._evaluations += 1
             if self._best is None or evaluation.cost < self._best.cost:
@@ -203,13 +199,6 @@ def _measure(image: NDArray[np.uint8], pixel_format: PixelFormat, variant: str) 
     """Return the metric of a sample of the picture."""
     part = sample(image, pixel_format)
     return shin_at(part.colour(), part.places, variant)
-
-
-def _arrived(used: Settings, asked: Settings) -> bool:
-    return (
-        abs(used.exposure_us / asked.exposure_us - 1) <= ARRIVED_RATIO
-        and abs(used.gain_db - asked.gain_db) <= ARRIVED_DB
-    )
 
 
 def _inside(point: Point, limits: Limits) -> bool:

@@ -44,6 +44,19 @@ COMMANDS = {
         "Work out the best median and minimum of inliers that any controller could reach.",
         "rig bound 'sim:tunnel?seed=3' --json",
     ),
+    "metrics": Told(
+        "Score pictures by the image metrics of the field.",
+        "rig metrics a.png b.png --json",
+    ),
+    "reproduce": Told(
+        "Run the experiments behind the published tables and figures.",
+        "rig reproduce --only rival-tuning --quick",
+    ),
+    "calibrate-intrinsics": Told(
+        "Measure focal lengths, distortion and the baseline from views of a board.",
+        "rig calibrate-intrinsics --board charuco:9x6 --square-mm 30 --cameras "
+        "'sim:chessboard?board=charuco'",
+    ),
     "report": Told(
         "Write summary.json and report.html of recordings anew.",
         "rig report runs/20260714-101500-race",
@@ -75,7 +88,7 @@ def build_app() -> App:
     )
     for name, told in COMMANDS.items():
         app.command(
-            f"rig.cli.{name}:{name}",
+            "rig.cli.{0}:{0}".format(name.replace("-", "_")),
             name=name,
             help=told.help,
             help_epilogue=f"Example: {told.example}",

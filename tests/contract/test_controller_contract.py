@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from rig.controllers.registry import CONTROLLERS, make_controller
+from rig.controllers.registry import ALIASES, CONTROLLERS, make_controller
 from rig.core.autoexposure import AutoExposure
 from rig.core.protocols import Controller
 from rig.core.types import THESIS_LIMITS, Auto, Command, Frame, Limits, Settings
@@ -25,6 +25,12 @@ INDOOR, DAYLIGHT = 0.01, 0.2
 NARROW_LIMITS = Limits((500.0, 9_000.0), (3.0, 12.0))
 
 
+def wall(seed: int) -> NDArray[np.float64]:
+    """Return a wall of 4 x 4 pixel stones: with every pixel by itself it would be noise."""
+    stones = np.random.default_rng(seed).uniform(0.1, 1.0, (SHAPE[0] // 4, SHAPE[1] // 4))
+    return np.repeat(np.repeat(stones, 4, axis=0), 4, axis=1)
+
+
 @dataclass(slots=True)
 class AnalyticCamera:
     """A noiseless camera before a textured wall: grey = clip(light x texture x brightness)."""
@@ -33,9 +39,7 @@ class AnalyticCamera:
     sequence: int = 0
     auto: AutoExposure | None = None
     asked: Auto | None = None
-    texture: NDArray[np.float64] = field(
-        default_factory=lambda: np.random.default_rng(5).uniform(0.1, 1.0, SHAPE)
-    )
+    texture: NDArray[np.float64] = field(default_factory=lambda: wall(7))
 
     def shoot(self, command: Command, light_dn_per_us: float) -> Frame:
         used = self.settings(command)
@@ -100,19 +104,37 @@ def write_brightness_network(path: Path) -> Path:
 
 
 SPECS = {
+    "ae": "ae",
+    "ae-quick": "ae:gain_db=6,damping=0.1,target_dn=90",
     "aeag": "aeag",
+    "aeag-vendor": "aeag:preset=vendor",
     "fixed": "fixed:exposure_us=2000,gain_db=6",
+    "geomean": "geomean",
+    "geomean-slow": "geomean:target=0.2,speed=0.4,exposure_us_max=4000",
+    "kim": "kim",
+    "kim-short": "kim:evaluations_max=5,keep=0.4",
+    "lu": "lu",
     "mean": "mean",
+    "mean-70": "mean-70",
     "mean-capped": "mean:percent=30,speed=0.6,exposure_us_max=4000",
     "network": "network:model={model}",
+    "shim": "shim",
+    "shim-2018": "shim:version=2018",
+    "shim-split": "shim:gain=split,exposure_us_max=5000",
     "shin": "shin",
     "shin-cpp": "shin:variant=authors-cpp,tolerance=high",
+    "zhang": "zhang",
+    "zhang-fixed": "zhang:gain=fixed,gain_db=6",
+    "zhang-split": "zhang:gain=split,exposure_us_max=5000",
 }
+CREEPING = ("zhang",)
+"""Controllers whose published steps are a per cent or two: they get 300 frames to settle, not 120."""
 MakeController = Callable[[], Controller]
 
 
 def test_every_controller_is_held_to_the_contract() -> None:
-    assert {spec.partition(":")[0] for spec in SPECS.values()} == set(CONTROLLERS)
+    named = {spec.partition(":")[0] for spec in SPECS.values()}
+    assert named - set(ALIASES) == set(CONTROLLERS)
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +174,7 @@ FLICKER = [INDOOR, DAYLIGHT, 0.0, 1e3] * 10 + [INDOOR] * 30 + [0.0] * 30 + [1e4]
 def test_commands_stay_within_the_limits(make: MakeController, limits: Limits) -> None:
     for command in drive(make(), FLICKER, limits)[0]:
         if isinstance(command, Auto):
-            assert command.limits == limits
+            assert command.limits == command.limits.within(limits)
             assert command.start == command.start.clamp(command.limits)
         else:
             assert command == command.clamp(limits)
@@ -185,8 +207,11 @@ def test_the_picture_is_left_as_it_was(make: MakeController) -> None:
 
 
 @pytest.mark.parametrize("light", [INDOOR, DAYLIGHT])
-def test_it_settles_and_holds_on_constant_light(make: MakeController, light: float) -> None:
-    _, used, _ = drive(make(), [light] * 120)
+def test_it_settles_and_holds_on_constant_light(
+    make: MakeController, light: float, request: pytest.FixtureRequest
+) -> None:
+    creeps = request.node.callspec.params["make"].startswith(CREEPING)
+    _, used, _ = drive(make(), [light] * (300 if creeps else 120))
     assert len(set(used[-20:])) == 1
 
 

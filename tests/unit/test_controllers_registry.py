@@ -36,8 +36,8 @@ def test_defaults_are_resolved() -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("shinn", "unknown controller 'shinn'; did you mean 'shin'? known: aeag, fixed,"),
-        ("zebra", "unknown controller 'zebra'; known: aeag, fixed,"),
+        ("shinn", "unknown controller 'shinn'; did you mean 'shin'? known: ae, aeag, fixed,"),
+        ("zebra", "unknown controller 'zebra'; known: ae, aeag, fixed,"),
         ("our", "did you mean 'ours'"),
         ("", "unknown controller ''"),
         ("aeag:target=90", "unknown option 'target'; did you mean 'target_dn'"),

@@ -15,7 +15,7 @@ from rig.vision.metrics.gradient import gradient_sum, sampled_information, shim_
 from rig.vision.metrics.kim import kim
 from rig.vision.metrics.sampling import Places, Sample, sample
 from rig.vision.metrics.shin import SHIN_VARIANTS, ShinScore, shin, shin_at
-from rig.vision.metrics.tone import entropy_bits, mean_dn
+from rig.vision.metrics.tone import entropy_bits, geometric_mean_dn, mean_dn
 from rig.vision.metrics.zhang import zhang_percentile, zhang_soft
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "ShinScore",
     "entropy_bits",
     "features",
+    "geometric_mean_dn",
     "gradient_sum",
     "kim",
     "mean_dn",

@@ -61,7 +61,7 @@ def local_entropy(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
     shares = np.arange(NEIGHBOURS_PX**2 + 1) / NEIGHBOURS_PX
     table = np.zeros(len(shares))
     table[1:] = shares[1:] * np.log2(shares[1:])
-    entropy = _entropies(np.asarray(wider, np.uint8).ravel(), *grey.shape, table)
+    entropy = _entropies(np.asarray(wider, np.uint8).ravel(), grey.shape[0], grey.shape[1], table)
     low, high = float(entropy.min()), float(entropy.max())
     return np.asarray((entropy - low) / (high - low if high > low else 1.0), np.float32)
 

@@ -190,7 +190,7 @@ def _matlab_grey(picture: Picture) -> Picture:
     """Return the grey picture as MATLAB's rgb2gray rounds it."""
     red, green, blue = MATLAB_GREY
     weighted = picture.astype(np.float64) @ np.array([blue, green, red])
-    return np.floor(weighted + 0.5).astype(np.uint8)
+    return np.asarray(np.floor(weighted + 0.5), np.uint8)
 
 
 def _matlab_rank(pixels: int) -> int:
@@ -292,7 +292,7 @@ def _response_sum(
 
 
 @njit(inline="always")
-def _response(channel: NDArray[np.uint8], y: int, x: int) -> int:
+def _response(channel: NDArray[np.uint8], y: int, x: int) -> np.int32:
     sides = np.int32(channel[y - 1, x]) + np.int32(channel[y + 1, x])
     sides += np.int32(channel[y, x - 1]) + np.int32(channel[y, x + 1])
     corners = np.int32(channel[y - 1, x - 1]) + np.int32(channel[y - 1, x + 1])

@@ -16,13 +16,19 @@ def mean_dn(image: NDArray[np.uint8]) -> float:
 
 def entropy_bits(grey: NDArray[np.uint8]) -> float:
     """Return the Shannon entropy of the grey levels, 0..8 bits (thesis eq. 3.1, one channel)."""
-    counts = _histogram(grey)
+    counts = histogram(grey)
     shares = counts[counts > 0] / grey.size
     return float(-(shares * np.log2(shares)).sum()) + 0.0
 
 
+def geometric_mean_dn(grey: NDArray[np.uint8]) -> float:
+    """Return the geometric mean of the grey levels, 1..255; black counts as 1."""
+    logarithms = np.log(np.maximum(np.arange(256), 1))
+    return float(np.exp(histogram(grey) @ logarithms / grey.size))
+
+
 @njit(cache=True, nogil=True)
-def _histogram(grey: NDArray[np.uint8]) -> NDArray[np.int64]:
+def histogram(grey: NDArray[np.uint8]) -> NDArray[np.int64]:
     """Return the number of pixels of each of the 256 grey levels."""
     counts = np.zeros(256, np.int64)
     for row in range(grey.shape[0]):

@@ -1,0 +1,82 @@
+"""The experiments behind the published tables and figures, by name.
+
+An experiment is a function that takes a `Job` and returns values for JSON, and one that makes words
+of these. A new one is a module and one line of ITEMS; its module is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rig.core.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One experiment: what it shows, the module, and its two functions there.
+
+    `run` is called with a Job and returns values for JSON; `words` with these values and returns
+    what a person reads.
+    """
+
+    shows: str
+    module: str
+    run: str
+    words: str = "words"
+
+
+ITEMS: Mapping[str, Item] = {
+    "rival-tuning": Item(
+        "every rival's free parameters, swept on training worlds", "rig.experiments.tuning", "tune"
+    ),
+    "search-quality": Item(
+        "how near each search comes to the best of a dense grid, in how many frames",
+        "rig.experiments.searches",
+        "search_quality",
+        "words_of_quality",
+    ),
+    "light-step": Item(
+        "frames to converge after the light grows tenfold",
+        "rig.experiments.searches",
+        "light_step",
+        "words_of_steps",
+    ),
+}
+"""Every experiment under the name by which `rig reproduce --only` finds it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What an experiment is given: a folder of its own, how much to do, and whom to tell.
+
+    `folder` exists; what it holds from a run that was cut short may be used. `quick` asks for the
+    smallest run that shows the same. `processes` None is one a core.
+    """
+
+    folder: Path
+    quick: bool
+    processes: int | None
+    say: Callable[[str], None]
+    advance: Callable[[int, int], None]
+
+
+def find_item(name: str) -> Item:
+    """Return an experiment; raises UsageError for a name that there is not."""
+    if name in ITEMS:
+        return ITEMS[name]
+    close = get_close_matches(name, ITEMS, 1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    raise UsageError(f"no experiment is called {name!r}; {hint}known: {', '.join(ITEMS)}")
+
+
+def run_item(name: str, job: Job) -> tuple[dict[str, Any], str]:
+    """Run an experiment and return its values and its words."""
+    item = find_item(name)
+    module = import_module(item.module)
+    values: dict[str, Any] = getattr(module, item.run)(job)
+    return values, getattr(module, item.words)(values)

@@ -1,0 +1,60 @@
+"""The free parameters of every rival, and which of their values are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+
+Variants = tuple[str, ...]
+
+
+def _each(name: str, **values: tuple[object, ...]) -> Variants:
+    """Return the specifications of all combinations of some options' values."""
+    specs = []
+    for chosen in product(*values.values()):
+        options = ",".join(f"{key}={value}" for key, value in zip(values, chosen, strict=True))
+        specs.append(f"{name}:{options}")
+    return tuple(specs)
+
+
+CONSTANTS: Variants = _each("fixed", exposure_us=(400, 1000, 2500, 6000), gain_db=(0, 10, 20))
+"""What no control at all comes to; the best of these is the reference of every score."""
+
+RIVALS: Mapping[str, Variants] = {
+    "aeag": (
+        *_each("aeag", target_dn=(80, 110, 140), damping=(0, 0.3, 0.6)),
+        *_each("aeag", target_dn=(80, 110, 140), damping=(0,), exposure_us_max=(4000, 10000)),
+    ),
+    "aeag, vendor": ("aeag:preset=vendor",),
+    "ae": _each("ae", target_dn=(80, 110, 140), damping=(0, 0.5)),
+    "mean-30": _each("mean-30", speed=(0.6, 1), exposure_us_max=(4000, 10000, 30000)),
+    "mean-50": _each("mean-50", speed=(0.6, 1), exposure_us_max=(4000, 10000, 30000)),
+    "mean-70": _each("mean-70", speed=(0.6, 1), exposure_us_max=(4000, 10000, 30000)),
+    "geomean": (
+        *_each("geomean", target=(0.2, 0.3, 0.4), exposure_us_max=(4000, 8000, 15000)),
+        *_each("geomean", target=(0.3,), speed=(0.6, 1)),
+    ),
+    "lu": _each("lu", threshold_dn=(10, 20, 40)),
+    "shim": (
+        *_each("shim", kp=(0.2, 0.6, 1.2)),
+        *_each("shim", version=(2018,), kp=(0.8, 1.6, 3.2)),
+    ),
+    "shim, split": (
+        *_each("shim", gain=("split",), exposure_us_max=(8000,), kp=(0.2, 0.6, 1.2)),
+        *_each("shim", version=(2018,), gain=("split",), exposure_us_max=(8000,), kp=(1.6, 3.2)),
+    ),
+    "zhang": _each("zhang", rate=(0.3, 1, 3)),
+    "zhang, split": _each("zhang", gain=("split",), exposure_us_max=(8000,), rate=(1, 3)),
+    "kim": _each("kim", evaluations_max=(5, 10), keep=(0.2, 0.4)),
+    "shin": (
+        *_each("shin", tolerance=("low", "mid", "high", 0.5)),
+        *_each("shin", tolerance=("mid", 0.5), evaluations_max=(15,)),
+    ),
+}
+"""Under the name of each row of the table, what is tried; the best of a row is its best setting."""
+
+QUICK: Mapping[str, Variants] = {
+    "aeag": _each("aeag", target_dn=(80, 110), damping=(0,)),
+    "geomean": _each("geomean", target=(0.2, 0.4)),
+    "shin": _each("shin", tolerance=("mid", "high")),
+}
