@@ -72,12 +72,13 @@ def open_source(address: str, *, seed: int, split: str = "test") -> Source:
 
 def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
     from rig.drivers.scenes import worlds
+    from rig.drivers.scenes.step import SteppedScene, read_light_step
     from rig.drivers.simulated.source import Drive, simulate
 
     if address.name not in worlds.NAMES:
         raise _unknown("world", address.name, worlds.NAMES, f"--cameras sim:{address.name}")
     of_world = worlds.WORLD_OPTIONS.get(address.name, ())
-    known = (*SIMULATION_OPTIONS, *of_world)
+    known = (*SIMULATION_OPTIONS, LIGHT_STEP, *of_world)
     for option in address.options:
         if option not in known:
             raise _unknown("option", option, known, f"sim:{address.name}")
@@ -104,6 +105,10 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
         decision_ms=values["decision_ms"],
     )
     resolved = {name: _spell(value) for name, value in values.items()} | special
+    if LIGHT_STEP in address.options:
+        step = _read(address, LIGHT_STEP, address.options[LIGHT_STEP], read_light_step)
+        scene = SteppedScene(scene, step.factor, drive.scene_time_s(step.pair))
+        resolved[LIGHT_STEP] = str(step)
     return simulate(scene, drive, str(Address(address.scheme, address.name, resolved)))
 
 
@@ -172,6 +177,9 @@ SIMULATION_OPTIONS: Mapping[str, Callable[[str], Any]] = {
 }
 """What an option of `sim:` is read with; it raises ValueError with what the option must be."""
 
+LIGHT_STEP = "light_step"
+"""`light_step=10@30` multiplies the light by 10 from pair 30 on; absent, the light stays."""
+
 _DEFAULTS = {
     "camera": "blackfly-s-u3-31s4",
     "decision_ms": "0",
@@ -183,8 +191,12 @@ _DEFAULTS = {
 
 
 def _value(address: Address, name: str, word: str) -> Any:
+    return _read(address, name, word, SIMULATION_OPTIONS[name])
+
+
+def _read(address: Address, name: str, word: str, read: Callable[[str], Any]) -> Any:
     try:
-        return SIMULATION_OPTIONS[name](word)
+        return read(word)
     except ValueError as error:
         where = f"{address.scheme}:{address.name}"
         raise UsageError(f"{where}: {name} must be {error}, got {word!r}") from error
