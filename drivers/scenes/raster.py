@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rig.core.types import Intrinsics
 from rig.drivers.scenes.geometry import CUTOUT, Surfaces
+from rig.drivers.scenes.sampling import RUN_PX, SCRATCH_SIZE
 from rig.drivers.scenes.shading import add_sky, add_surface, opaque
 from rig.drivers.scenes.textures import Atlas
 from rig.drivers.scenes.trajectories import Pose, Vector
@@ -62,7 +63,7 @@ def render(
     return radiance, depth_m
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _project(
     surfaces: Surfaces,
     rotation: Vector,
@@ -111,7 +112,7 @@ def _project(
     return quads[:seen], nearest_m[:seen], to_surface[:seen], edges[:seen]
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True, inline="always")
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy", inline="always")
 def _out_of_view(cam: Vector, f: float, cx: float, cy: float, shape: tuple[int, int]) -> bool:
     """Return whether all corners lie behind the camera or beyond one side of the picture."""
     height, width = shape
@@ -126,7 +127,7 @@ def _out_of_view(cam: Vector, f: float, cx: float, cy: float, shape: tuple[int, 
     return behind or left or right or above or below
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True, inline="always")
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy", inline="always")
 def _homography(cam: Vector, length_m: Vector, f: float, cx: float, cy: float, out: Vector) -> bool:
     """Invert the frame of edges and corner; False for a quad that is seen edge on."""
     a = (cam[1] - cam[0]) / length_m[0]
@@ -145,7 +146,7 @@ def _homography(cam: Vector, length_m: Vector, f: float, cx: float, cy: float, o
     return True
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True, inline="always")
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy", inline="always")
 def _clip(cam: Vector, f: float, cx: float, cy: float, outline: Vector) -> tuple[int, float]:
     """Clip a quad to the near plane and project it; return its sides and its nearest depth."""
     k = 0
@@ -170,7 +171,7 @@ def _clip(cam: Vector, f: float, cx: float, cy: float, outline: Vector) -> tuple
     return k, nearest_m
 
 
-@nb.njit(parallel=True, cache=True, fastmath=True, nogil=True)
+@nb.njit(parallel=True, cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _draw(
     to_surface: Vector,
     edges: Vector,
@@ -196,6 +197,7 @@ def _draw(
         rows = min(_BAND_ROWS, height - top)
         best = np.empty((rows, width), np.float32)
         owner = np.empty((rows, width), np.int32)
+        scratch = np.empty(SCRATCH_SIZE)
         for shift_px in (-_JITTER_PX, _JITTER_PX):
             best[:] = 0
             owner[:] = -1
@@ -216,6 +218,7 @@ def _draw(
                     sky,
                     rotation,
                     camera,
+                    scratch,
                     radiance[top + row],
                 )
             if shift_px < 0:
@@ -223,7 +226,7 @@ def _draw(
                     _keep_depth(top + row, shift_px, owner[row], to_surface, depth_m[top + row])
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _coprime_stride(count: int) -> int:
     """Return a step near the golden section that visits every number below `count` once."""
     stride = max(int(0.618 * count), 1)
@@ -232,7 +235,7 @@ def _coprime_stride(count: int) -> int:
     return stride
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _cover(
     q: int,
     top: int,
@@ -291,7 +294,7 @@ def _cover(
                 nearest[i] = closeness if nearer else nearest[i]
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _shade(
     y: int,
     shift_px: float,
@@ -304,6 +307,7 @@ def _shade(
     sky: Floats,
     rotation: Vector,
     camera: tuple[float, float, float],
+    scratch: Vector,
     row: Floats,
 ) -> None:
     """Add one sample to every pixel of a row, one run of pixels of the same owner at a time."""
@@ -312,7 +316,8 @@ def _shade(
     while start < row.size:
         q = owner[start]
         stop = start + 1
-        while stop < row.size and owner[stop] == q:
+        last = min(row.size, start + RUN_PX)
+        while stop < last and owner[stop] == q:
             stop += 1
         channels = ((start & 1) + (y & 1), ((start + 1) & 1) + (y & 1))
         x = start - shift_px
@@ -331,12 +336,13 @@ def _shade(
                 texels,
                 table,
                 light,
+                scratch,
                 run,
             )
         start = stop
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _keep_depth(
     y: int, shift_px: float, owner: NDArray[np.int32], to_surface: Vector, row: Floats
 ) -> None:

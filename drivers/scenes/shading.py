@@ -24,7 +24,7 @@ from rig.drivers.scenes.geometry import (
     V_OFFSET,
     V_SCALE,
 )
-from rig.drivers.scenes.sampling import IN_ORDER, filtered, turns
+from rig.drivers.scenes.sampling import IN_ORDER, SLOW, VALUE, S, T, footprint, place, sample, turns
 from rig.drivers.scenes.trajectories import Vector
 
 Floats = NDArray[np.float32]
@@ -33,7 +33,7 @@ _MOST_TAPS = 8.0
 _MACRO_TAPS = 2.0
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def opaque(
     x: float, y: float, to_surface: Vector, paint: Vector, texels: Floats, table: NDArray[np.int64]
 ) -> bool:
@@ -49,7 +49,7 @@ def opaque(
     return bool(texels[table[cutout, 0] + iy * wide + ix] > 0.5)
 
 
-@nb.njit(cache=True, fastmath=True, nogil=True)
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def add_sky(
     sky: Floats,
     rotation: Vector,
@@ -85,7 +85,7 @@ def add_sky(
         row[i] += np.float32(weight * (upper * (1 - r) + lower * r))
 
 
-@nb.njit(cache=True, fastmath=IN_ORDER, nogil=True)
+@nb.njit(cache=True, fastmath=IN_ORDER, nogil=True, error_model="numpy")
 def add_surface(
     to_surface: Vector,
     paint: Vector,
@@ -96,36 +96,35 @@ def add_surface(
     texels: Floats,
     table: NDArray[np.int64],
     light: Floats,
+    scratch: Vector,
     row: Floats,
 ) -> None:
-    """Add to a run of pixels from (x, y) on what one quad sends there.
+    """Add to up to RUN_PX pixels from (x, y) on what one quad sends there.
 
     Lambert: albedo times baked illuminance over pi; a lamp shines by itself.
     """
+    count = row.size
     tint = (paint[TINT + channels[0]], paint[TINT + channels[1]])
     if paint[EMITTED] > 0:
-        for i in range(row.size):
-            row[i] += np.float32(weight * paint[EMITTED] * tint[i & 1])
+        for k in range(count):
+            row[k] += np.float32(weight * paint[EMITTED] * tint[k & 1])
         return
-    h0, h1, h3, h4, h6, h7 = (
-        to_surface[0],
-        to_surface[1],
-        to_surface[3],
-        to_surface[4],
-        to_surface[6],
-        to_surface[7],
-    )
-    s_at_0 = h1 * y + to_surface[2]
-    t_at_0 = h4 * y + to_surface[5]
-    w_at_0 = h7 * y + to_surface[8]
-    texture = int(paint[TEXTURE])
-    first, wide_bits, high_bits, levels = table[texture]
-    macro_first, macro_wide_bits, macro_high_bits, macro_levels = table[0]
-    ku = paint[U_SCALE]
-    kv = paint[V_SCALE]
-    ou = paint[U_OFFSET]
-    ov = paint[V_OFFSET]
-    km = paint[MACRO_PER_M]
+    place(to_surface, x, y, count, scratch)
+    slow_per_m = paint[MACRO_PER_M]
+    if slow_per_m > 0:
+        tiles = (slow_per_m, slow_per_m, 0.61 * paint[V_OFFSET], 0.37 * paint[U_OFFSET])
+        footprint(to_surface, tiles, table[0], _MACRO_TAPS, count, scratch)
+        sample(texels, table[0], count, scratch)
+        for k in range(count):
+            i = np.uint64(k)
+            scratch[SLOW + i] = 0.8 + 0.4 * scratch[VALUE + i]
+    else:
+        for k in range(count):
+            scratch[SLOW + np.uint64(k)] = 1.0
+    texture = table[int(paint[TEXTURE])]
+    tiles = (paint[U_SCALE], paint[V_SCALE], paint[U_OFFSET], paint[V_OFFSET])
+    footprint(to_surface, tiles, texture, _MOST_TAPS, count, scratch)
+    sample(texels, texture, count, scratch)
     light_first = int(paint[LIGHT])
     light_wide = int(paint[LIGHT_WIDE])
     per_a = paint[PER_A] * light_wide
@@ -133,53 +132,19 @@ def add_surface(
     last_a = light_wide - 1.001
     last_b = paint[LIGHT_HIGH] - 1.001
     scale = weight / math.pi
-    for i in range(row.size):
-        at = x + i
-        w = 1.0 / (h6 * at + w_at_0)
-        s = (h0 * at + s_at_0) * w
-        t = (h3 * at + t_at_0) * w
-        sx = (h0 - s * h6) * w
-        sy = (h1 - s * h7) * w
-        tx = (h3 - t * h6) * w
-        ty = (h4 - t * h7) * w
-        albedo = filtered(
-            texels,
-            first,
-            wide_bits,
-            high_bits,
-            levels,
-            s * ku + ou,
-            t * kv + ov,
-            sx * ku,
-            tx * kv,
-            sy * ku,
-            ty * kv,
-            _MOST_TAPS,
-        )
-        if km > 0:
-            slow = filtered(
-                texels,
-                macro_first,
-                macro_wide_bits,
-                macro_high_bits,
-                macro_levels,
-                s * km + 0.61 * ov,
-                t * km + 0.37 * ou,
-                sx * km,
-                tx * km,
-                sy * km,
-                ty * km,
-                _MACRO_TAPS,
-            )
-            albedo *= 0.8 + 0.4 * slow
-        u = min(max(s * per_a - 0.5, 0.0), last_a)
-        v = min(max(t * per_b - 0.5, 0.0), last_b)
+    for k in range(count):
+        i = np.uint64(k)
+        u = min(max(scratch[S + i] * per_a - 0.5, 0.0), last_a)
+        v = min(max(scratch[T + i] * per_b - 0.5, 0.0), last_b)
         iu = int(u)
         iv = int(v)
         p = u - iu
         r = v - iv
-        near = light_first + iv * light_wide + iu
-        upper = light[near] * (1 - p) + light[near + 1] * p
-        lower = light[near + light_wide] * (1 - p) + light[near + light_wide + 1] * p
+        near = np.uint64(light_first + iv * light_wide + iu)
+        far = np.uint64(light_first + iv * light_wide + iu + light_wide)
+        one = np.uint64(1)
+        upper = light[near] * (1 - p) + light[near + one] * p
+        lower = light[far] * (1 - p) + light[far + one] * p
         lux = upper * (1 - r) + lower * r
-        row[i] += np.float32(albedo * lux * scale * tint[i & 1])
+        albedo = scratch[VALUE + i] * scratch[SLOW + i]
+        row[k] += np.float32(albedo * lux * scale * tint[k & 1])
