@@ -12,6 +12,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from rig.controllers.onnx_guard import check_model, read_model, try_model
 from rig.core.errors import ControllerError, ModelError
 from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
 from rig.vision.bayer import NETWORK_PX, to_rgb224
@@ -139,9 +140,13 @@ class NetworkController:
 
 
 def _open(model: Path) -> Any:
-    """Return a session of one thread, so that two controllers do not fight for the cores."""
+    """Return a session of one thread, so that two controllers do not fight for the cores.
+
+    The file is read once and run from memory, so it cannot name other files, and only after it
+    was checked: it may come from anybody.
+    """
     try:
-        content = model.read_bytes()
+        content = read_model(model)
     except OSError as problem:
         raise ModelError(
             f"{model}: cannot read the network ({problem.strerror}); name an ONNX file that "
@@ -151,6 +156,8 @@ def _open(model: Path) -> Any:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 3
     try:
+        check_model(content)
+        try_model(content)
         return onnxruntime.InferenceSession(
             content, sess_options=options, providers=["CPUExecutionProvider"]
         )

@@ -137,6 +137,10 @@ class RecordingFile:
         except OSError as error:
             self._make_room(error)
 
+    def settle(self) -> None:
+        """Wait until the disk keeps all that was written; raises OSError."""
+        os.fdatasync(self._backing.fd)
+
     def tell(self) -> int:
         """Return the number of bytes written."""
         return self._position

@@ -16,6 +16,7 @@ PART, NEXT, RECOVERY = "rig.part", "rig.next", "rig.recovery"
 """Where a later file of a run begins, which file goes on, and that the end of one was lost."""
 OPTIONS = "options.json"
 _HASH = "header_hash"
+_CAMERA = "rig.camera.{}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,10 @@ def to_attachments(header: RunHeader) -> dict[str, bytes]:
     return {OPTIONS: json.dumps(dict(header.options), indent=2, sort_keys=True).encode()}
 
 
+NEEDED = frozenset({*map(_CAMERA.format, SIDES), VERSIONS, MODELS, RUN, OPTIONS})
+"""Names of the metadata and attachments without which a file does not say what it is."""
+
+
 def from_parts(
     metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
 ) -> RunHeader:
@@ -112,7 +117,7 @@ def from_parts(
 
 
 def _camera(side: Side) -> str:
-    return f"rig.camera.{side}"
+    return _CAMERA.format(side)
 
 
 def _intrinsics(camera: Mapping[str, str]) -> Intrinsics:

@@ -50,6 +50,11 @@ class Index:
         """Return the names of the metadata records in the file."""
         return {index.name for index in self.metadata}
 
+    @property
+    def attachment_names(self) -> set[str]:
+        """Return the names of the attachments in the file."""
+        return {index.name for index in self.attachments}
+
     def add_attachment(self, start: int, size: int, attachment: Attachment) -> None:
         """Note an attachment record of `size` bytes at `start`."""
         self.attachments.append(

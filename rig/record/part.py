@@ -50,6 +50,7 @@ class Part:
             self._index.add_attachment(*self._write(attachment), attachment)
         for name, values in {**facts, **to_metadata(header)}.items():
             self._index.add_metadata(*self._write(Metadata(name, values)), name)
+        self._file.settle()
         self._channels = self._register()
 
     @property
@@ -71,9 +72,13 @@ class Part:
             self._close_chunk()
 
     def finish(self, time_ns: int, name: str, values: dict[str, str]) -> None:
-        """Write the last chunk, one more metadata record and the index."""
+        """Write the last chunk, one more metadata record and the index.
+
+        The disk keeps the data before it sees the index: a file with an end has no holes.
+        """
         self._describe_cameras(time_ns)
         self._close_chunk()
+        self._file.settle()
         self._file.write([self._index.ending(self._file.tell(), (name, values))])
 
     def close(self) -> None:

@@ -101,9 +101,11 @@ def _recover_file(file: Path, *, is_last: bool) -> Recovery:
     with damage(file), Container(file) as source:
         scan = Scan(source)
         scan.run()
-        if header.RUN not in scan.index.metadata_names:
+        missing = header.NEEDED - scan.index.metadata_names - scan.index.attachment_names
+        if missing:
             raise RecordingDamaged(
-                f"{file} ends before the run's first trigger; nothing to recover"
+                f"{file} ends before the run's first trigger or has lost its {min(missing)}; "
+                "nothing to recover"
             )
         triggers = scan.index.count(topics.PAIR)
         ending = scan.index.ending(scan.end, _note(scan, triggers, is_last=is_last))

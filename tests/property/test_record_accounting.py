@@ -86,8 +86,7 @@ class Recorder(RuleBasedStateMachine):
                 self.recorder.write(given)
             except RecordingError:
                 assert self.broken
-                self.end()
-                return
+                continue
             self.given.append(given)
 
     @precondition(lambda self: not self.ended)
