@@ -1,6 +1,7 @@
 """From the words after `--cameras` to an opened pair of cameras.
 
     sim:WORLD?OPTION=VALUE&...      simulated cameras in a simulated world, on a virtual clock
+    replay:FILE                     the frames of a recording, as they were taken
 
 Options of `sim:` are those of SIMULATION_OPTIONS. The address of an opened source has every option
 resolved, in alphabetical order, so opening it again repeats the same drive.
@@ -21,7 +22,7 @@ from rig.config import CameraModel, load_camera_model
 from rig.core.errors import UsageError
 from rig.core.protocols import Source
 
-SCHEMES = ("sim",)
+SCHEMES = ("sim", "replay")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,10 @@ def open_source(address: str, *, seed: int, split: str = "test") -> Source:
     split unless the address names one. Raises UsageError for a word in the address that is not
     known or a value that cannot be meant, and ConfigError for a bad camera file.
     """
+    if address.startswith("replay:"):
+        from rig.drivers.replay import open_replay
+
+        return open_replay(Path(address.removeprefix("replay:")))
     parsed = parse_address(address)
     return _open_simulation(parsed, seed=seed, split=split)
 

@@ -12,7 +12,8 @@ from rig.cli.provenance import command_line, git_commit, versions
 from rig.cli.terminal import Advance, Terminal
 from rig.core.errors import RecordingError
 from rig.core.protocols import PairPolicy, Source
-from rig.core.types import Pair
+from rig.core.types import THESIS_LIMITS, Pair
+from rig.experiments.replay import limit_options
 from rig.loop import RunSummary, run_pair
 from rig.record.header import RunHeader
 from rig.record.recover import repair_left_behind
@@ -96,6 +97,7 @@ def make_header(
 ) -> RunHeader:
     """Return what the recording says about itself before its first frame."""
     primary, secondary = source.cameras
+    limits = Pair(*(camera.limits.within(THESIS_LIMITS) for camera in source.cameras))
     return RunHeader(
         command=command_line(),
         cameras=source.address,
@@ -106,6 +108,6 @@ def make_header(
         serials=Pair(primary.serial, secondary.serial),
         intrinsics=source.intrinsics,
         controllers=controllers,
-        options=options,
+        options={**options, **limit_options(limits)},
         models=models,
     )

@@ -69,6 +69,10 @@ COMMANDS = {
         "Show how long a recording is, what it lost, and which settings it used.",
         "rig info runs/20260714-101500-race",
     ),
+    "replay": Told(
+        "Run a controller over the frames of a recording and compare its decisions.",
+        "rig replay runs/20260714-101500-race ours",
+    ),
     "recover": Told(
         "Repair a recording in place that was cut short.",
         "rig recover runs/20260714-101500-race",

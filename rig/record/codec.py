@@ -282,7 +282,12 @@ def decode(messages: Mapping[str, Message]) -> PairRecord:
         pose_index=pair["pose_index"],
         asked=Pair(*(_to_command(meta["asked"]) for meta in metas)),
         applied=Pair(*(_to_command(meta["applied"]) for meta in metas)),
-        shot=Pair(*(_to_shot(meta, messages, s) for meta, s in zip(metas, SIDES, strict=True))),
+        shot=Pair(
+            *(
+                to_shot(meta, messages.get(topics.image(s)), s)
+                for meta, s in zip(metas, SIDES, strict=True)
+            )
+        ),
         decisions=Pair(*(_to_decision(messages.get(topics.decision(s))) for s in SIDES)),
         offset_ns=pair["offset_ns"] if pair["offset_known"] else None,
         cause=pair["cause"],
@@ -290,8 +295,11 @@ def decode(messages: Mapping[str, Message]) -> PairRecord:
     )
 
 
-def _to_shot(meta: Mapping[str, Any], messages: Mapping[str, Message], side: Side) -> Frame | Lost:
-    picture = messages.get(topics.image(side))
+def to_shot(meta: Mapping[str, Any], picture: Message | None, side: Side) -> Frame | Lost:
+    """Return the frame, or the lost one, that a frame's settings and its picture tell of.
+
+    Raises ValueError when they do not fit.
+    """
     status: Literal["taken", "lost"] = meta["status"]
     if status == "lost" and picture is None:
         return Lost(meta["frame_id"], meta["cause"])

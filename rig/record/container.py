@@ -42,9 +42,12 @@ CHUNK_HEADER = struct.Struct("<QQQII")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
 _PART = re.compile(r"_([1-9]\d*)")
 _FOOTER_BYTES = RECORD_HEADER.size + 20
-_MAX_CHUNK_BYTES = 128 << 20
-_MAX_RECORD_BYTES = 64 << 20
-_MAX_SUMMARY_BYTES = 256 << 20
+_MAX_CHUNK_BYTES = 64 << 20
+_MAX_RECORD_BYTES = 16 << 20
+_MAX_SUMMARY_BYTES = 64 << 20
+_MAX_SUMMARY_RECORDS = 10_000
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+_INDEX_ENTRY = struct.Struct("<HQ")
 
 _LEAKS = (
     McapError,
@@ -78,7 +81,7 @@ _NEEDED = (
     Opcode.METADATA_INDEX,
     Opcode.ATTACHMENT_INDEX,
 )
-"""Of the index at the end, these; a long run has hundreds of thousands of chunk entries."""
+"""Of the index at the end, these are parsed; a long run has thousands of chunk entries."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,11 +110,21 @@ class Chunk:
     records: memoryview
 
 
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """Where a chunk lies, and by channel where the index of its messages does."""
+
+    start: int
+    size: int
+    message_indexes: dict[int, int]
+
+
 @dataclass(slots=True)
 class Summary:
     """The index at the end of a file."""
 
     statistics: Statistics
+    body: memoryview
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: list[MetadataIndex] = field(default_factory=list)
     attachments: list[AttachmentIndex] = field(default_factory=list)
@@ -119,7 +132,20 @@ class Summary:
     def messages(self, topic: str) -> int:
         """Return how many messages the file claims to hold on `topic`."""
         counts = self.statistics.channel_message_counts
-        return sum(counts.get(id_, 0) for id_, each in self.channels.items() if each.topic == topic)
+        return sum(counts.get(id_, 0) for id_ in self.ids(topic))
+
+    def ids(self, topic: str) -> list[int]:
+        """Return the channels of a topic."""
+        return [id_ for id_, channel in self.channels.items() if channel.topic == topic]
+
+    def chunks(self) -> Iterator[ChunkPlace]:
+        """Yield where each chunk lies; raises ValueError or struct.error for a bad entry."""
+        for opcode, _, body in chunk_records(self.body):
+            if opcode != Opcode.CHUNK_INDEX:
+                continue
+            _, _, start, size, map_bytes = _CHUNK_INDEX.unpack_from(body)
+            entries = body[_CHUNK_INDEX.size : _CHUNK_INDEX.size + map_bytes]
+            yield ChunkPlace(start, size, dict(_INDEX_ENTRY.iter_unpack(entries)))
 
 
 def find(path: Path) -> Path:
@@ -236,10 +262,25 @@ class Container:
         size = extent.size - RECORD_HEADER.size
         if size > limit:
             raise ValueError(f"a record of {size} bytes at byte {extent.start} is over {limit}")
+        return self.buffer_at(extent.start + RECORD_HEADER.size, size)
+
+    def buffer_at(self, start: int, size: int) -> bytearray:
+        """Return `size` bytes, writable; raises ValueError when they are too many or not there."""
+        if not 0 <= size <= _MAX_CHUNK_BYTES:
+            raise ValueError(f"{size} bytes at byte {start} are not 0..{_MAX_CHUNK_BYTES}")
         body = bytearray(size)
-        if os.preadv(self._fd, [body], extent.start + RECORD_HEADER.size) != size:
-            raise ValueError(f"the record at byte {extent.start} is cut")
+        if os.preadv(self._fd, [body], start) != size:
+            raise ValueError(f"the record at byte {start} is cut")
         return body
+
+    def message_offsets(self, start: int) -> list[int]:
+        """Return the offsets in its chunk of the messages that the index at `start` lists."""
+        extent = next(self.extents(start), None)
+        if extent is None or extent.opcode != Opcode.MESSAGE_INDEX:
+            raise ValueError(f"there is no message index at byte {start}")
+        body = memoryview(self.body(extent))
+        _, size = struct.unpack_from("<HI", body)
+        return [offset for _, offset in struct.iter_unpack("<QQ", body[6 : 6 + size])]
 
     def parsed(self, extent: Extent) -> Any:
         """Return a small record as the library's dataclass."""
@@ -266,22 +307,10 @@ class Container:
         size = end - 4 - start
         if not 0 < start < end or size > _MAX_SUMMARY_BYTES:
             raise ValueError("the index is missing")
-        if footer.summary_crc != zlib.crc32(self.bytes_at(start, size)):
+        body = self.bytes_at(start, size)
+        if footer.summary_crc != zlib.crc32(body):
             raise ValueError("the checksum of the index is wrong")
-        return self._summary(start)
-
-    def _summary(self, start: int) -> Summary:
-        groups: dict[int, list[Any]] = {}
-        for extent in self.extents(start):
-            if extent.opcode in _NEEDED:
-                groups.setdefault(extent.opcode, []).append(self.parsed(extent))
-        (statistics,) = groups[Opcode.STATISTICS]
-        return Summary(
-            statistics,
-            {channel.id: channel for channel in groups.get(Opcode.CHANNEL, [])},
-            groups.get(Opcode.METADATA_INDEX, []),
-            groups.get(Opcode.ATTACHMENT_INDEX, []),
-        )
+        return _summary(memoryview(body)[: size - (_FOOTER_BYTES - 4)])
 
     def messages(self) -> Iterator[Message]:
         """Yield every message in file order; raises ValueError for a damaged chunk."""
@@ -297,6 +326,25 @@ class Container:
                     raise ValueError(f"the checksum of the chunk at byte {extent.start} is wrong")
                 yield from _messages(chunk, topics)
         raise ValueError("the file is cut short")
+
+
+def _summary(body: memoryview) -> Summary:
+    groups: dict[int, list[Any]] = {}
+    parsed = 0
+    for opcode, _, record in chunk_records(body):
+        if opcode in _NEEDED:
+            parsed += 1
+            if parsed > _MAX_SUMMARY_RECORDS:
+                raise ValueError(f"the index has over {_MAX_SUMMARY_RECORDS} entries")
+            groups.setdefault(opcode, []).append(parse(opcode, record))
+    (statistics,) = groups[Opcode.STATISTICS]
+    return Summary(
+        statistics,
+        body,
+        {channel.id: channel for channel in groups.get(Opcode.CHANNEL, [])},
+        groups.get(Opcode.METADATA_INDEX, []),
+        groups.get(Opcode.ATTACHMENT_INDEX, []),
+    )
 
 
 def parse(opcode: int, body: bytes | bytearray | memoryview) -> Any:
