@@ -127,6 +127,10 @@ class SimulatedCamera:
             used=shot.used,
         )
 
+    def next_arrived(self) -> Shot | None:
+        """Return the next picture that came, without waiting; None when there is none."""
+        return self._arrived.popleft() if self._arrived else None
+
     def close(self) -> None:
         """Close the camera; its frames are gone."""
         self._open = False
@@ -145,6 +149,7 @@ class SimulatedCamera:
         readout_start_ns = max(self._exposure_end_ns, self._readout_end_ns)
         self._readout_end_ns = readout_start_ns + s_to_ns(self._model.timing.readout_s)
         self._wiring.output.rise(time_ns, sequence)
+        self._wiring.output.fall(self._exposure_end_ns, sequence)
         self._wiring.world.at(
             self._readout_end_ns, lambda now_ns: self._read_out(now_ns, sequence, time_ns, used)
         )

@@ -108,7 +108,7 @@ def simulate(scene: Scene, drive: Drive, address: str) -> SimulatedSource:
     cameras = Pair(
         *(
             SimulatedCamera(
-                serial, drive.model, wiring, _photographer(scene, side, drive), drive.latency_frames
+                serial, drive.model, wiring, photographer(scene, side, drive), drive.latency_frames
             )
             for serial, wiring, side in zip(SERIALS, wirings, SIDES, strict=True)
         )
@@ -117,7 +117,7 @@ def simulate(scene: Scene, drive: Drive, address: str) -> SimulatedSource:
     return SimulatedSource(address, scene, drive, Pair[Camera](*cameras), clock)
 
 
-def _photographer(scene: Scene, side: Side, drive: Drive) -> TakePicture:
+def photographer(scene: Scene, side: Side, drive: Drive) -> TakePicture:
     """Return what turns a trigger and its settings into the picture of one camera."""
     camera = SIDES.index(side)
     size = scene.intrinsics(side)

@@ -26,6 +26,11 @@ class World:
         self._events: list[tuple[int, int, Event]] = []
         self._planned = 0
 
+    @property
+    def next_ns(self) -> int | None:
+        """Return when the next event is due; None when nothing is planned."""
+        return self._events[0][0] if self._events else None
+
     def at(self, time_ns: int, event: Event) -> None:
         """Plan `event` for `time_ns`; events of one time happen in the order of planning."""
         heapq.heappush(self._events, (time_ns, self._planned, event))
@@ -66,10 +71,18 @@ class Wire:
     world: World
     delay_ns: int
     inputs: list[Callable[[int, int], None]] = field(default_factory=list)
+    falling_inputs: list[Callable[[int, int], None]] = field(default_factory=list)
 
     def rise(self, time_ns: int, sequence: int) -> None:
         """Send a rising edge to every input, which is called with its time and number."""
-        for receive in self.inputs:
+        self._send(self.inputs, time_ns, sequence)
+
+    def fall(self, time_ns: int, sequence: int) -> None:
+        """Send a falling edge to every input that listens to one."""
+        self._send(self.falling_inputs, time_ns, sequence)
+
+    def _send(self, inputs: list[Callable[[int, int], None]], time_ns: int, sequence: int) -> None:
+        for receive in inputs:
             self.world.at(time_ns + self.delay_ns, partial(_arrive, receive, sequence))
 
 

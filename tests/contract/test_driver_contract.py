@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from plane_scene import PlaneScene
+from served_pair import needs_aravis, open_served, plane_plan
 
 from rig.config import load_camera_model
 from rig.core.errors import CameraError, CameraLost, GrabTimeout
@@ -27,7 +28,18 @@ def open_simulated(*, seed: int = 0, latency_frames: int = 0, moving: bool = Tru
     return simulate(PlaneScene(20.0 if moving else 0.0), drive, "sim:plane")
 
 
-@pytest.fixture(params=[open_simulated], ids=["simulated"])
+def open_gige(*, seed: int = 0, latency_frames: int = 0, moving: bool = True) -> Source:
+    speed_px_s = 20.0 if moving else 0.0
+    plan = plane_plan(seed, speed_px_s, latency_frames=latency_frames)
+    return open_served(plan, PlaneScene(speed_px_s))
+
+
+@pytest.fixture(
+    params=[
+        pytest.param(open_simulated, id="simulated"),
+        pytest.param(open_gige, id="gige", marks=needs_aravis),
+    ]
+)
 def open_source(request: pytest.FixtureRequest) -> Iterator[OpenSource]:
     """Open a driver's pair over the plane; everything opened is closed after the test."""
     opened: list[Source] = []
@@ -208,7 +220,13 @@ def test_opening_again_repeats_the_drive(open_source: OpenSource) -> None:
     for first, second in zip(*drives, strict=True):
         for one, other in zip(first, second, strict=True):
             assert np.array_equal(one.image, other.image)
-            assert (one.device_time_ns, one.used) == (other.device_time_ns, other.used)
+            assert (one.sequence, one.used) == (other.sequence, other.used)
+
+
+def test_opening_again_repeats_even_the_times_on_a_virtual_clock() -> None:
+    drives = [open_simulated(seed=3) for _ in range(2)]
+    first, second = ([shoot(source).primary.device_time_ns for _ in range(3)] for source in drives)
+    assert first == second
 
 
 def test_every_seed_camera_and_frame_has_its_own_noise(open_source: OpenSource) -> None:

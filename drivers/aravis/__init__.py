@@ -1,0 +1,1 @@
+"""Real cameras through Aravis. Only `binding` in this folder knows the library itself."""

@@ -1,0 +1,350 @@
+"""Aravis itself: the only module that imports gi. Its errors come out as the rig's."""
+
+from __future__ import annotations
+
+import functools
+import ipaddress
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.errors import CameraError, CameraLost
+from rig.core.types import Settings
+from rig.drivers.aravis.ring import RING_PICTURES, Ring
+from rig.drivers.aravis.serials import same_serial
+from rig.drivers.blackfly import Value
+
+_LOST_CODES = frozenset({2, 5, 6})
+"""Aravis' codes for not connected, time-out and not found."""
+
+_SOCKET_BUFFER_BYTES = 4 << 20
+_LOOPBACK_PACKET_BYTES = 65_000
+_ETHERNET_PACKET_BYTES = 1_400
+
+
+@functools.cache
+def library() -> Any:
+    """Return the Aravis module; raises CameraError with what to install."""
+    try:
+        import gi
+
+        gi.require_version("Aravis", "0.8")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ImportWarning)  # an old way of importing, in gi itself
+            from gi.repository import Aravis
+    except (ImportError, ValueError) as error:
+        raise CameraError(
+            f"real cameras need Aravis, which is not here ({error}); run "
+            "apt-get install python3-gi gir1.2-aravis-0.8, then make setup"
+        ) from error
+    return Aravis
+
+
+@contextmanager
+def translated(serial: str, what: str) -> Iterator[None]:
+    """Turn an error of GLib into CameraLost or CameraError that names the camera."""
+    from gi.repository import GLib
+
+    try:
+        yield
+    except GLib.Error as error:
+        if "device" in error.domain and error.code in _LOST_CODES:
+            raise CameraLost(
+                f"{serial}: {what}: no answer ({error.message}); check the cable and the power"
+            ) from error
+        raise CameraError(f"{serial}: {what}: {error.message}") from error
+
+
+class AravisNodes:
+    """The nodes of an opened camera; implements `rig.drivers.blackfly.NodeMap`."""
+
+    def __init__(self, device: Any, serial: str) -> None:
+        self._device = device
+        self._serial = serial
+        self._kinds: dict[str, str] = {}
+
+    def close(self) -> None:
+        """Let go of the device."""
+        self._device = None
+
+    @property
+    def serial(self) -> str:
+        """Return the serial number."""
+        return self._serial
+
+    def has(self, name: str) -> bool:
+        """Return whether there is such a node."""
+        return self._kind(name) != ""
+
+    def writable(self, name: str) -> bool:
+        """Return whether the node can be written now."""
+        feature = self._device.get_feature(name)
+        with translated(self._serial, name):
+            access = feature.get_actual_access_mode()
+            return access in (library().GcAccessMode.RW, library().GcAccessMode.WO)
+
+    def read(self, name: str) -> Value:
+        """Return the value of a node."""
+        readers = {
+            "boolean": self._device.get_boolean_feature_value,
+            "string": self._device.get_string_feature_value,
+            "float": self._device.get_float_feature_value,
+            "integer": self._device.get_integer_feature_value,
+        }
+        with translated(self._serial, f"reading {name}"):
+            return cast(Value, readers[self._kind(name)](name))
+
+    def write(self, name: str, value: Value) -> None:
+        """Write a node."""
+        with translated(self._serial, f"writing {name} = {value}"):
+            kind = self._kind(name)
+            if kind == "boolean":
+                self._device.set_boolean_feature_value(name, bool(value))
+            elif kind == "string":
+                self._device.set_string_feature_value(name, str(value))
+            elif kind == "float":
+                self._device.set_float_feature_value(name, float(value))
+            else:
+                self._device.set_integer_feature_value(name, int(value))
+
+    def execute(self, name: str) -> None:
+        """Run a command node."""
+        with translated(self._serial, f"running {name}"):
+            self._device.execute_command(name)
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Return the lowest and highest value that a number takes now."""
+        with translated(self._serial, f"reading the range of {name}"):
+            if self._kind(name) == "float":
+                low, high = self._device.get_float_feature_bounds(name)
+            else:
+                low, high = self._device.get_integer_feature_bounds(name)
+            return low, high
+
+    def entries(self, name: str) -> Sequence[str]:
+        """Return the words that an enumeration takes."""
+        with translated(self._serial, f"reading the words of {name}"):
+            read = self._device.dup_available_enumeration_feature_values_as_strings
+            return cast(Sequence[str], read(name))
+
+    def _kind(self, name: str) -> str:
+        """Return what kind of value a node has; empty when there is no such node."""
+        if name not in self._kinds:
+            self._kinds[name] = self._find_kind(name)
+        return self._kinds[name]
+
+    def _find_kind(self, name: str) -> str:
+        aravis, feature = library(), self._device.get_feature(name)
+        if feature is None or not feature.is_implemented():
+            return ""
+        for kind, classes in (
+            ("command", (aravis.GcCommand,)),
+            ("boolean", (aravis.GcBoolean,)),
+            ("string", (aravis.GcEnumeration, aravis.GcStringNode, aravis.GcStringRegNode)),
+            ("float", (aravis.GcFloat,)),
+            ("integer", (aravis.GcInteger,)),
+        ):
+            if isinstance(feature, classes):
+                return kind
+        return "string"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture that came whole, with what the camera says about it.
+
+    `frame_id` counts frames from anywhere. `used` is None where the camera does not tell.
+    """
+
+    image: NDArray[np.uint8]
+    frame_id: int
+    timestamp_ns: int
+    used: Settings | None
+
+
+@dataclass(frozen=True, slots=True)
+class Spoiled:
+    """A picture that did not come whole; its pixels are of no use."""
+
+    status: str
+    timestamp_ns: int
+
+
+class Stream:
+    """The pictures of one camera, pulled; never pushed from a foreign thread."""
+
+    def __init__(self, camera: Any, serial: str) -> None:
+        aravis = library()
+        self._serial = serial
+        self._success = aravis.BufferStatus.SUCCESS
+        with translated(serial, "opening its stream"):
+            self._stream: Any = camera.create_stream(None, None)
+            size_bytes = camera.get_payload()
+        if self._stream is None:
+            raise CameraError(f"{serial}: no stream could be opened; is another program using it?")
+        self._parser: Any = camera.create_chunk_parser()
+        self._tune(aravis)
+        self._ring = Ring(size_bytes, lambda slot: self._stream.push_buffer(self._buffers[slot]))
+        self._buffers = [
+            aravis.Buffer.new(size_bytes, self._ring.address(slot)) for slot in range(RING_PICTURES)
+        ]
+        self._slots = {hash(buffer): slot for slot, buffer in enumerate(self._buffers)}
+        for buffer in self._buffers:
+            self._stream.push_buffer(buffer)
+
+    def pop(self, timeout_s: float) -> Picture | Spoiled | None:
+        """Return the next picture, whole or not; None when none came in time."""
+        buffer = self._stream.timeout_pop_buffer(max(round(timeout_s * 1e6), 0))
+        if buffer is None:
+            return None
+        slot = self._slots[hash(buffer)]
+        status = buffer.get_status()
+        if status != self._success:
+            spoiled = Spoiled(status.value_nick.replace("-", " "), buffer.get_timestamp())
+            self._ring.give_back(slot)
+            return spoiled
+        return self._whole(buffer, slot)
+
+    def close(self) -> None:
+        """Stop listening; pictures that somebody looks at stay valid."""
+        self._ring.close()
+        self._stream.set_emit_signals(False)
+        self._stream = self._parser = None
+
+    def _whole(self, buffer: Any, slot: int) -> Picture:
+        width_px, height_px = buffer.get_image_width(), buffer.get_image_height()
+        frame_id, timestamp_ns, used = buffer.get_frame_id(), buffer.get_timestamp(), None
+        if buffer.has_chunks():
+            with translated(self._serial, "reading the chunks of a picture"):
+                frame_id = self._parser.get_integer_value(buffer, "ChunkFrameID")
+                timestamp_ns = self._parser.get_integer_value(buffer, "ChunkTimestamp")
+                used = Settings(
+                    self._parser.get_float_value(buffer, "ChunkExposureTime"),
+                    max(self._parser.get_float_value(buffer, "ChunkGain"), 0.0),
+                )
+        pixels = self._ring.take(slot, width_px * height_px)
+        return Picture(pixels.reshape(height_px, width_px), frame_id, timestamp_ns, used)
+
+    def _tune(self, aravis: Any) -> None:
+        if isinstance(self._stream, aravis.GvStream):
+            self._stream.set_property("socket-buffer", aravis.GvStreamSocketBuffer.FIXED)
+            self._stream.set_property("socket-buffer-size", _SOCKET_BUFFER_BYTES)
+            self._stream.set_property("packet-resend", aravis.GvStreamPacketResend.ALWAYS)
+
+
+class Opened:
+    """One camera under our control."""
+
+    def __init__(self, camera: Any, name: str) -> None:
+        self._camera: Any = camera
+        device: Any = camera.get_device()
+        with translated(name, "opening"):
+            serial = camera.get_device_serial_number() or name
+            self.maker = f"{camera.get_vendor_name()} {camera.get_model_name()}"
+        self.serial = str(serial)
+        self.nodes = AravisNodes(device, self.serial)
+        self.stream: Stream | None = None
+        self._lost = threading.Event()
+        self._handler = device.connect("control-lost", lambda *_: self._lost.set())
+        self._device = device
+
+    @property
+    def control_lost(self) -> bool:
+        """Return whether the camera stopped listening to us."""
+        return self._lost.is_set()
+
+    def open_stream(self, packet_bytes: int | None) -> Stream:
+        """Return the stream of pictures; call it after the size of a picture is settled."""
+        aravis = library()
+        with translated(self.serial, "preparing its stream"):
+            if self._camera.is_gv_device():
+                self._camera.gv_set_stream_options(aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
+                self._camera.gv_set_packet_size(packet_bytes or self._packet_bytes())
+            elif self._camera.is_uv_device():
+                self._camera.uv_set_usb_mode(aravis.UvUsbMode.ASYNC)
+        self.stream = Stream(self._camera, self.serial)
+        return self.stream
+
+    def start(self) -> None:
+        """Arm the camera."""
+        with translated(self.serial, "starting"):
+            self._camera.start_acquisition()
+
+    def stop(self) -> None:
+        """Stop taking pictures."""
+        with translated(self.serial, "stopping"):
+            self._camera.stop_acquisition()
+
+    def close_stream(self) -> None:
+        """Close the stream; pictures that somebody looks at stay valid."""
+        if self.stream is not None:
+            self.stream.close()
+        self.stream = None
+
+    def close(self) -> None:
+        """Let go of the camera, now and not when Python next collects its garbage.
+
+        A camera that is let go later blocks whoever comes upon it: it still tells the device.
+        """
+        self._device.disconnect(self._handler)
+        self.close_stream()
+        if self._camera.is_gv_device():
+            with suppress(CameraError), translated(self.serial, "closing"):
+                self._device.leave_control()
+        self.nodes.close()
+        self._camera = self._device = None
+
+    def _packet_bytes(self) -> int:
+        address = self._device.get_device_address().get_address().to_string()
+        loopback = ipaddress.ip_address(address).is_loopback
+        return _LOOPBACK_PACKET_BYTES if loopback else _ETHERNET_PACKET_BYTES
+
+
+def open_camera(name: str) -> Opened:
+    """Open a camera by its serial number, decimal or hexadecimal, or by its network address.
+
+    Raises CameraError for a camera that is not there or that another program uses.
+    """
+    aravis = library()
+    with translated(name, "opening"):
+        camera = aravis.Camera.new(name if _is_address(name) else _find(aravis, name))
+    if camera is None:
+        raise CameraError(f"{name}: cannot be opened; is another program using it?")
+    if camera.is_gv_device() and not camera.get_device().is_controller():
+        raise CameraError(
+            f"{name}: another program controls this camera; close it, such as a viewer or another "
+            "`rig`, and try again"
+        )
+    return Opened(camera, name)
+
+
+def found_serials() -> list[str]:
+    """Return the serial numbers of all cameras that answer; takes a second where there are none."""
+    aravis = library()
+    aravis.update_device_list()
+    return [aravis.get_device_serial_nbr(i) or "?" for i in range(aravis.get_n_devices())]
+
+
+def _find(aravis: Any, label: str) -> str:
+    told = found_serials()
+    for number, serial in enumerate(told):
+        if same_serial(label, serial):
+            return str(aravis.get_device_id(number))
+    raise CameraError(
+        f"{label}: no such camera; found {', '.join(told) or 'none'}; "
+        "check cable, power and permissions (rig doctor)"
+    )
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,67 @@
+"""Memory that pictures arrive in, lent out without a copy and taken back when nobody looks."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import weakref
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+RING_PICTURES = 16
+"""How many pictures can be on their way or looked at; Aravis needs 8 of them on USB."""
+
+KEPT_BACK = 8
+"""When no more than these are left to arrive in, a picture is copied instead of lent."""
+
+
+class Ring:
+    """Slots of `size_bytes`; `push` hands a slot back to the camera."""
+
+    def __init__(self, size_bytes: int, push: Callable[[int], None]) -> None:
+        self._size_bytes = size_bytes
+        self._push = push
+        self._slots = [np.empty(size_bytes, np.uint8) for _ in range(RING_PICTURES)]
+        self._lock = threading.Lock()
+        self._lent = 0
+        self._open = True
+
+    @property
+    def lent(self) -> int:
+        """Return how many slots somebody looks at."""
+        return self._lent
+
+    def address(self, slot: int) -> int:
+        """Return where a slot lies in memory."""
+        return int(self._slots[slot].ctypes.data)
+
+    def take(self, slot: int, size_bytes: int) -> NDArray[np.uint8]:
+        """Return the first bytes of a slot; the slot goes back when the last view of them is gone.
+
+        While many slots are lent the bytes are copied, so that the camera never runs dry.
+        """
+        if self._lent >= RING_PICTURES - KEPT_BACK:
+            copy = self._slots[slot][:size_bytes].copy()
+            self.give_back(slot)
+            return copy
+        with self._lock:
+            self._lent += 1
+        lease = (ctypes.c_uint8 * size_bytes).from_buffer(self._slots[slot].data)
+        weakref.finalize(lease, self._returned, slot).atexit = False
+        return np.frombuffer(memoryview(lease).cast("B"), np.uint8)
+
+    def give_back(self, slot: int) -> None:
+        """Let the camera use a slot again."""
+        if self._open:
+            self._push(slot)
+
+    def close(self) -> None:
+        """Hand no slot back any more; views of lent ones stay valid."""
+        self._open = False
+
+    def _returned(self, slot: int) -> None:
+        with self._lock:
+            self._lent -= 1
+        self.give_back(slot)

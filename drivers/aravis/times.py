@@ -1,0 +1,80 @@
+"""Which trigger a picture belongs to, by the time at which its exposure began."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from rig.core.protocols import Clock
+
+REFIT_NS = 5_000_000_000
+"""How long a fit of a camera's clock is trusted: 50 ppm of drift come to 0.25 ms."""
+
+MAX_CLOCK_ERROR_NS = 1_000_000
+"""How far a picture may seem to begin before its trigger, for the error of the clocks' fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fired:
+    """One trigger: it was fired between two moments of the computer's clock."""
+
+    sequence: int
+    before_ns: int
+    after_ns: int
+
+
+@dataclass(slots=True)
+class TriggerLog:
+    """The last triggers of a pair, counted from 0 over all segments of a run."""
+
+    tolerance_ns: int = MAX_CLOCK_ERROR_NS
+    count: int = 0
+    _fired: deque[Fired] = field(default_factory=lambda: deque(maxlen=256))
+
+    def fired(self, before_ns: int, after_ns: int) -> None:
+        """Note a trigger."""
+        self._fired.append(Fired(self.count, before_ns, after_ns))
+        self.count += 1
+
+    def passed(self) -> None:
+        """Count a trigger that could not be fired."""
+        self.count += 1
+
+    def sequence_of(self, start_ns: int) -> int | None:
+        """Return the last trigger before an exposure began; None when it began before all."""
+        for trigger in reversed(self._fired):
+            if trigger.before_ns - self.tolerance_ns <= start_ns:
+                return trigger.sequence
+        return None
+
+
+@dataclass(slots=True)
+class ClockFit:
+    """Turns a camera's time into the computer's: one is latched between two looks at the other.
+
+    `latch` makes the camera note its time and returns it in nanoseconds.
+    """
+
+    clock: Clock
+    latch: Callable[[], tuple[int, int, int]]
+    offset_ns: int = 0
+    error_ns: int = 0
+    fitted_ns: int | None = None
+
+    def to_host_ns(self, device_ns: int) -> int:
+        """Return the computer's time of a moment of the camera's."""
+        return device_ns + self.offset_ns
+
+    def refit(self, tries: int) -> None:
+        """Measure the offset: the best of some tries counts, and its error is known."""
+        looks = [self.latch() for _ in range(tries)]
+        before_ns, device_ns, after_ns = min(looks, key=lambda look: look[2] - look[0])
+        self.offset_ns = (before_ns + after_ns) // 2 - device_ns
+        self.error_ns = (after_ns - before_ns + 1) // 2
+        self.fitted_ns = after_ns
+
+    def keep_fresh(self) -> None:
+        """Measure again when the last fit is old."""
+        if self.fitted_ns is None or self.clock.now_ns() - self.fitted_ns > REFIT_NS:
+            self.refit(tries=3)
