@@ -41,6 +41,21 @@ AUTO = Auto(Limits((75.0, 9_000.0), (0.0, 12.0)), 99.5, 0.25, Settings(1_234.5, 
 DECISION = Decision("shin", Settings(701.25, 0.5), 0.125, {"score": 0.1, "state": "expanding"})
 TRUTH = Truth((1.0, 2.5, 3.0), (0.0, 0.1, 0.2, 0.97), 512.25)
 
+COUNTS = {
+    "/primary/camera_info": 1,
+    "/secondary/camera_info": 1,
+    "/primary/frame_meta": 3,
+    "/secondary/frame_meta": 3,
+    "/primary/image_raw": 3,
+    "/secondary/image_raw": 2,
+    "/primary/decision": 2,
+    "/secondary/decision": 2,
+    "/ground_truth/pose": 3,
+    "/ground_truth/light": 3,
+    "/pair": 3,
+}
+"""Messages of [record(0), half(1), record(2)] by topic."""
+
 
 def frame(trigger: int, offset_ns: int = 0) -> Frame:
     pixels = np.random.default_rng([trigger, offset_ns]).integers(0, 256, (24, 32), np.uint8)

@@ -73,6 +73,10 @@ COMMANDS = {
         "Run a controller over the frames of a recording and compare its decisions.",
         "rig replay runs/20260714-101500-race ours",
     ),
+    "export": Told(
+        "Write a recording in the format of another tool.",
+        "rig export runs/20260714-101500-race --to euroc --out euroc",
+    ),
     "recover": Told(
         "Repair a recording in place that was cut short.",
         "rig recover runs/20260714-101500-race",

@@ -22,6 +22,27 @@ _BLOCK_BYTES = 16 << 20
 _CHUNK_START = re.compile(rb"\x06(?=.{3}[\x00-\x08]\x00{4})", re.DOTALL)
 
 
+def places_of(chunk: Chunk) -> Places:
+    """Return where each channel's messages are, channels by first appearance."""
+    found: Places = {}
+    for opcode, offset, body in container.chunk_records(chunk.records):
+        if opcode == Opcode.MESSAGE:
+            id_, time_ns = container.message_key(body)
+            found.setdefault(id_, []).append((time_ns, offset))
+    return found
+
+
+def note_channels(chunk: Chunk, index: Index) -> None:
+    """Put the schemas and channels of a chunk into an index."""
+    for opcode, _, body in container.chunk_records(chunk.records):
+        if opcode == Opcode.SCHEMA:
+            schema = container.parse(opcode, body)
+            index.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = container.parse(opcode, body)
+            index.channels[channel.id] = channel
+
+
 @dataclass(slots=True)
 class Scan:
     """Walks the data section once; `patches` are the (offset, bytes) that must be changed."""
@@ -90,19 +111,9 @@ class Scan:
         return True
 
     def _places(self, chunk: Chunk) -> Places:
-        """Return where each channel's messages are, channels by first appearance."""
-        found: Places = {}
-        for opcode, offset, body in container.chunk_records(chunk.records):
-            if opcode == Opcode.SCHEMA:
-                schema = container.parse(opcode, body)
-                self.index.schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                channel = container.parse(opcode, body)
-                self.index.channels[channel.id] = channel
-            elif opcode == Opcode.MESSAGE:
-                id_, time_ns = container.message_key(body)
-                found.setdefault(id_, []).append((time_ns, offset))
-        return found
+        places = places_of(chunk)
+        note_channels(chunk, self.index)
+        return places
 
     def _add_chunk(self, extent: Extent, chunk: Chunk, places: Places) -> None:
         """Note a chunk, and step over the index records that must follow or plan to write them."""

@@ -9,25 +9,12 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from record_samples import AUTO, HEADER, INTRINSICS, TRUTH, frame, half, record, write
+from record_samples import AUTO, COUNTS, HEADER, INTRINSICS, TRUTH, frame, half, record, write
 from rosbags.highlevel import AnyReader
 
 from rig.record import cdr, topics
 
 RECORDS = [record(0), half(1), record(2)]
-COUNTS = {
-    "/primary/camera_info": 1,
-    "/secondary/camera_info": 1,
-    "/primary/frame_meta": 3,
-    "/secondary/frame_meta": 3,
-    "/primary/image_raw": 3,
-    "/secondary/image_raw": 2,
-    "/primary/decision": 2,
-    "/secondary/decision": 2,
-    "/ground_truth/pose": 3,
-    "/ground_truth/light": 3,
-    "/pair": 3,
-}
 
 
 def check(messages: dict[str, list[object]]) -> None:
