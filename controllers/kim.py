@@ -30,14 +30,15 @@ class KimController:
     that starts a new search. Raises ValueError for an option out of range.
     """
 
-    evaluations_max: int = 10
-    alpha: float = 50.0
-    length: float = 15.5
+    evaluations_max: int = 20
+    alpha: float = 10.0
+    length: float = 3.0
     noise: float = 0.05
     keep: float = 0.2
     gain_db_max: float = 12.0
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)
+    _looked: bool = field(init=False, default=False)
     _metric: float = field(init=False, default=0.0)
     _points: list[tuple[float, float]] = field(init=False, default_factory=list)
     _values: list[float] = field(init=False, default_factory=list)
@@ -64,13 +65,14 @@ class KimController:
         """Forget the search and return the first settings: 1 ms and 0 dB, inside `limits`."""
         self._limits = limits
         self._command = Auto().start.clamp(limits)
-        self._metric, self._phase, self._searches = 0.0, "search", 0
+        self._looked, self._metric, self._searches = False, 0.0, 0
         self._arrival = Arrival()
         self._begin()
         return self._command
 
     def step(self, frame: Frame) -> Command:
         """Take the frame as an evaluation, or hold while its metric stays near the best."""
+        self._looked = True
         self._metric = kim(to_grey(frame.image, frame.pixel_format))
         if not self._arrival.due(frame.used, self._command):
             return self._command
@@ -84,7 +86,7 @@ class KimController:
 
     def diagnostics(self) -> Diagnostics:
         """Return the phase (search, settle or hold), the metric and the state of the surrogate."""
-        if not self._searches:
+        if not self._looked:
             return {}
         return {
             "phase": self._phase,
@@ -106,7 +108,7 @@ class KimController:
         self._points.append(self._place(used.clamp(self._limits)))
         self._values.append(self._metric)
         self._seen.append((self._metric, used.clamp(self._limits)))
-        values = np.array(self._values)
+        values = np.maximum(self._values, 0.0)  # how badly saturated a place is, teaches nothing
         spread = float(values.std())
         standard = (values - values.mean()) / (spread if spread > 0 else 1.0)
         grid = _grid()
@@ -114,11 +116,17 @@ class KimController:
         if len(values) >= self.evaluations_max:
             choice, self._phase = int(np.argmax(belief.mean)), "settle"
         else:
-            choice = int(np.argmax(maxmi(belief, self.alpha, self._psi)))
+            worth = maxmi(belief, self.alpha, self._psi)
+            worth[self._looked_at(grid)] = -np.inf
+            choice = int(np.argmax(worth))
             self._psi += float(belief.variance[choice])
         self._deviation = float(np.sqrt(belief.variance.max()))
         self._command = self._settings(grid[choice])
         return self._command
+
+    def _looked_at(self, grid: Points) -> list[int]:
+        """Return the places of the grid nearest to those looked at: nothing is looked at twice."""
+        return [int(np.argmin(((grid - point) ** 2).sum(axis=1))) for point in self._points]
 
     def _settle(self, used: Settings) -> Settings:
         """Rest where the surrogate promised most, unless a place looked at was better."""

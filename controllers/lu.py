@@ -20,6 +20,9 @@ from rig.vision.metrics import entropy_bits, mean_dn, sample
 INFORMATION_MIN_BITS = 3.0
 """Less entropy than this at the best place is none: it is searched again."""
 
+ENTROPY_SHARE_MIN = 0.75
+"""Less than this share of the best entropy, and it is searched again: white hides in the mean."""
+
 
 class Look(NamedTuple):
     """What one frame showed at a place on the line."""
@@ -96,7 +99,8 @@ class LuController:
         """Return whether what was found no longer holds: the light changed, or all was black."""
         best = self._best()
         changed = abs(mean - best.mean_dn) > self.threshold_dn
-        return changed or best.entropy_bits < INFORMATION_MIN_BITS
+        lost = self._entropy < ENTROPY_SHARE_MIN * best.entropy_bits
+        return changed or lost or best.entropy_bits < INFORMATION_MIN_BITS
 
     def _best(self) -> Look:
         return max(self._seen, key=lambda look: look.entropy_bits)

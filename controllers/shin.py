@@ -41,6 +41,16 @@ EXPOSURE_STEP_MIN = 0.1
 """The least relative change of exposure in the first simplex."""
 
 MIDDLE_DN = 128.0
+NEPERS_PER_DB = math.log(10) / 20
+POINT_SPREAD = 0.05
+"""A simplex within 5 % in exposure and 0.43 dB in gain is small: noise decides the rest."""
+
+RIDGE_STEP = 2.0
+BESIDE_STEP = 1.2
+"""A further round trades a factor of 2 between exposure and gain, and looks 20 % beside."""
+
+ROUNDING = 1e-9
+"""What a logarithm and its inverse may add."""
 FLAT_FRAMES_MAX = 3
 """So many frames in a row without gradients end a search: the light has gone."""
 
@@ -49,8 +59,10 @@ FLAT_FRAMES_MAX = 3
 class ShinController:
     """Maximises the metric `variant` by Nelder-Mead, one frame an evaluation.
 
-    `tolerance` is low, mid, high or a number > 0; `variant` a key of SHIN_VARIANTS. A search ends
-    when the metrics of its simplex differ by at most `cost_spread`, or after `evaluations_max`.
+    `tolerance` is low, mid, high or a number > 0; `variant` a key of SHIN_VARIANTS. With `rounds` 1
+    a search ends as the authors' does, when the metrics of its simplex differ by at most
+    `cost_spread`, or after `evaluations_max`; with more, when its simplex is small, and then goes
+    on along equal brightness.
     A frame without gradients has no metric: until one has, the mean is steered to mid-grey.
     Raises ValueError for an option out of range.
     """
@@ -59,14 +71,18 @@ class ShinController:
     variant: str = "authors"
     cost_spread: float = 1e-5
     evaluations_max: int = 50
+    rounds: int = 3
     _tolerance: float = field(init=False)
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)
+    _rest: Settings = field(init=False)
     _score: ShinScore | None = field(init=False, default=None)
     _search: Search | None = field(init=False, default=None, repr=False)
     _best: Evaluation | None = field(init=False, default=None, repr=False)
     _evaluations: int = field(init=False, default=0)
     _searches: int = field(init=False, default=0)
+    _round: int = field(init=False, default=0)
+    _round_cost: float = field(init=False, default=math.inf)
     _flat_frames: int = field(init=False, default=0)
     _arrival: Arrival = field(init=False, default_factory=Arrival)
 
@@ -80,9 +96,11 @@ class ShinController:
             )
         if not self.cost_spread >= 0:
             raise ValueError(f"cost_spread must be >= 0, got {self.cost_spread!r}")
+        if self.rounds < 1:
+            raise ValueError(f"rounds must be >= 1, got {self.rounds!r}")
         if self.evaluations_max < 3:
             raise ValueError(f"evaluations_max must be >= 3, got {self.evaluations_max!r}")
-        self._command = Auto().start
+        self._command = self._rest = Auto().start
         _measure(np.zeros((32, 32), np.uint8), "bayer_rggb8", self.variant)  # compiled by now
 
     def reset(self, limits: Limits) -> Command:
@@ -130,44 +148,69 @@ class ShinController:
 
     def _start_search(self, frame: Frame, score: ShinScore) -> Command:
         """Begin around the frame's settings, which are the first evaluation."""
-        simplex = initial_simplex(frame.used, mean_dn(frame.image), self._limits)
-        search = nelder_mead(simplex, point_spread=math.inf, cost_spread=self.cost_spread)
-        next(search)
+        corners = initial_simplex(frame.used, mean_dn(frame.image), self._limits)
+        simplex = [_point(Settings(*corner)) for corner in corners]
+        search = self._nelder_mead(simplex)
         self._search, self._best = search, None
         self._evaluations, self._searches = 0, self._searches + 1
-        return self._evaluate(search, Evaluation(simplex[0], -score.score))
+        self._round, self._round_cost = 1, math.inf
+        return self._evaluate(search, Evaluation(simplex[0], -score.score), frame.used)
 
     def _continue_search(self, search: Search, used: Settings, score: ShinScore) -> Command:
         """Stamp the metric with the settings that were really used, once they have arrived."""
         if not self._arrival.due(used, self._command):
             return self._command
         cost = UNUSABLE_COST if score.flat else -score.score
-        return self._evaluate(search, Evaluation(_point(used), cost))
+        return self._evaluate(search, Evaluation(_point(used), cost), used)
 
-    def _evaluate(self, search: Search, evaluation: Evaluation) -> Command:
+    def _nelder_mead(self, simplex: list[Point]) -> Search:
+        """Return a search that has asked for its first corner."""
+        spread = self.cost_spread if self.rounds == 1 else math.inf
+        reach = math.inf if self.rounds == 1 else POINT_SPREAD
+        search = nelder_mead(simplex, point_spread=reach, cost_spread=spread)
+        next(search)
+        return search
+
+    def _next_round(self, best: Evaluation) -> Search | None:
+        """Return a search from the best along equal brightness, while that still finds better.
+
+        The metric has a narrow ridge there, on which noise makes a simplex shrink too early.
+        """
+        if self._round >= self.rounds or best.cost >= self._round_cost:
+            return None
+        self._round, self._round_cost = self._round + 1, best.cost
+        simplex = ridge_simplex(self._rest, self._limits)
+        return self._nelder_mead([_point(corner) for corner in simplex])
+
+    def _evaluate(self, search: Search, evaluation: Evaluation, used: Settings) -> Command:
         """Send an evaluation; return the next settings to try, or the best when it was the last.
 
         Points outside the limits cost an evaluation but no frame.
         """
-        while self._evaluations < self.evaluations_max:
+        while True:
             self._evaluations += 1
             if self._best is None or evaluation.cost < self._best.cost:
-                self._best = evaluation
+                self._best, self._rest = evaluation, used.clamp(self._limits)
+            if self._evaluations >= self.evaluations_max:
+                break
             try:
                 asked = search.send(evaluation)
             except StopIteration:
-                break
+                further = self._next_round(self._best)
+                if further is None:
+                    break
+                self._search = search = further
+                asked = search.send(self._best)
             if _inside(asked, self._limits):
-                self._command = _settings(asked)
+                self._command = _settings(asked).clamp(self._limits)
                 return self._command
             evaluation = Evaluation(asked, UNUSABLE_COST)
         self._search = None
-        if self._best is not None:
-            self._command = _settings(self._best.point).clamp(self._limits)
+        self._command = self._rest
         return self._command
 
 
-def initial_simplex(used: Settings, mean_dn: float, limits: Limits) -> list[Point]:
+def initial_simplex(used: Settings, mean_dn: float, limits: Limits) -> list[tuple[float, float]]:
     """Return the settings used, with another gain, and with another exposure.
 
     Both are scaled by the authors' 1 + h: h rises to 1.7 for a black picture and falls to -0.59
@@ -180,8 +223,22 @@ def initial_simplex(used: Settings, mean_dn: float, limits: Limits) -> list[Poin
     other_gain = _moved(gain_db, gain_db * h, math.copysign(GAIN_STEP_MIN_DB, h), limits.gain_db)
     least_us = math.copysign(EXPOSURE_STEP_MIN * exposure_us, h)
     other_exposure = _moved(exposure_us, exposure_us * h, least_us, limits.exposure_us)
-    corners = [(exposure_us, gain_db), (exposure_us, other_gain), (other_exposure, gain_db)]
-    return [np.array(corner) for corner in corners]
+    return [(exposure_us, gain_db), (exposure_us, other_gain), (other_exposure, gain_db)]
+
+
+def ridge_simplex(best: Settings, limits: Limits) -> list[Settings]:
+    """Return the best settings, as bright ones with another gain, and some a little brighter.
+
+    Where a limit leaves no room the step goes to the other side.
+    """
+    trade_db = math.log(RIDGE_STEP) / NEPERS_PER_DB
+    along = Settings(best.exposure_us / RIDGE_STEP, best.gain_db + trade_db)
+    if along.clamp(limits) != along:
+        along = Settings(best.exposure_us * RIDGE_STEP, max(best.gain_db - trade_db, 0.0))
+    beside = Settings(best.exposure_us * BESIDE_STEP, best.gain_db)
+    if beside.clamp(limits) != beside:
+        beside = Settings(best.exposure_us / BESIDE_STEP, best.gain_db)
+    return [corner.clamp(limits) for corner in (best, along, beside)]
 
 
 def _moved(value: float, change: float, least: float, limits: tuple[float, float]) -> float:
@@ -203,15 +260,18 @@ def _measure(image: NDArray[np.uint8], pixel_format: PixelFormat, variant: str) 
 
 def _inside(point: Point, limits: Limits) -> bool:
     (shortest_us, longest_us), (lowest_db, highest_db) = limits.exposure_us, limits.gain_db
-    return bool(shortest_us <= point[0] <= longest_us and lowest_db <= point[1] <= highest_db)
+    exposure_us, gain_db = math.exp(point[0]), point[1] / NEPERS_PER_DB
+    within = shortest_us * (1 - ROUNDING) <= exposure_us <= longest_us * (1 + ROUNDING)
+    return bool(within and lowest_db - ROUNDING <= gain_db <= highest_db + ROUNDING)
 
 
 def _point(settings: Settings) -> Point:
-    return np.array([settings.exposure_us, settings.gain_db])
+    """Return where settings lie in the search: the logarithms of exposure and of gain."""
+    return np.array([math.log(settings.exposure_us), settings.gain_db * NEPERS_PER_DB])
 
 
 def _settings(point: Point) -> Settings:
-    return Settings(float(point[0]), float(point[1]))
+    return Settings(math.exp(point[0]), max(float(point[1]) / NEPERS_PER_DB, 0.0))
 
 
 def _number(tolerance: str) -> float:

@@ -26,7 +26,7 @@ MATCHES_SPARED = 20
 """Added to a minimum: the inliers under which a pair is blind."""
 
 VARIANTS_A_PIECE = 12
-SECONDS_A_FRAME, SECONDS_A_VIEW = 0.032, 0.1
+SECONDS_A_FRAME, SECONDS_A_VIEW = 0.036, 0.06
 """Processor time of a frame of one variant and of a view, 640x480, for the estimate."""
 DRIVE_FRAMES = 120
 

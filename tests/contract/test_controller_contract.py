@@ -128,7 +128,7 @@ SPECS = {
     "zhang-split": "zhang:gain=split,exposure_us_max=5000",
 }
 CREEPING = ("zhang",)
-"""Controllers whose published steps are a per cent or two: they get 300 frames to settle, not 120."""
+"""Controllers whose published steps are tiny: they get 300 frames to settle instead of 120."""
 MakeController = Callable[[], Controller]
 
 
