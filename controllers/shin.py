@@ -45,9 +45,9 @@ NEPERS_PER_DB = math.log(10) / 20
 POINT_SPREAD = 0.05
 """A simplex within 5 % in exposure and 0.43 dB in gain is small: noise decides the rest."""
 
-RIDGE_STEP = 2.0
+RIDGE_STEP = 4.0
 BESIDE_STEP = 1.2
-"""A further round trades a factor of 2 between exposure and gain, and looks 20 % beside."""
+"""A further round trades a factor of 4 between exposure and gain, and looks 20 % beside."""
 
 ROUNDING = 1e-9
 """What a logarithm and its inverse may add."""

@@ -45,10 +45,14 @@ RIVALS: Mapping[str, Variants] = {
     ),
     "zhang": _each("zhang", rate=(0.3, 1, 3)),
     "zhang, split": _each("zhang", gain=("split",), exposure_us_max=(8000,), rate=(1, 3)),
-    "kim": _each("kim", evaluations_max=(5, 10), keep=(0.2, 0.4)),
+    "kim": (
+        *_each("kim", evaluations_max=(10, 20), keep=(0.2, 0.4)),
+        "kim:evaluations_max=10,alpha=50,length=15.5",
+    ),
     "shin": (
         *_each("shin", tolerance=("low", "mid", "high", 0.5)),
         *_each("shin", tolerance=("mid", 0.5), evaluations_max=(15,)),
+        *_each("shin", tolerance=("mid", 0.5), rounds=(1,)),
     ),
 }
 """Under the name of each row of the table, what is tried; the best of a row is its best setting."""

@@ -12,11 +12,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from rig.controllers.registry import make_controller
+from rig.core.errors import RigError, UsageError
+from rig.drivers.registry import open_source
+from rig.drivers.scenes.worlds import NAMES
 from rig.experiments.reproduce import Job
 from rig.experiments.rivals import CONSTANTS, QUICK, RIVALS, Variants
 from rig.experiments.solo import run_solo
@@ -95,7 +99,8 @@ def tune(job: Job) -> dict[str, Any]:
 
 
 def tune_plan(plan: Plan, job: Job) -> dict[str, Any]:
-    """Run a plan; raises RigError when its results file is damaged."""
+    """Run a plan; raises UsageError for a world that there is not, RigError for damaged results."""
+    _check_worlds(plan)
     path = job.folder / "rival-tuning.jsonl"
     races = _still_true(_read(path))
     done = {race.key for race in races}
@@ -238,9 +243,19 @@ def _read(path: Path) -> list[Race]:
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
         path.write_text(whole, encoding="utf-8")
-    for line in whole.splitlines():
-        races.append(Race(**json.loads(line)))
+    for number, line in enumerate(whole.splitlines(), start=1):
+        try:
+            races.append(Race(**json.loads(line)))
+        except (ValueError, TypeError) as error:
+            raise RigError(f"{path}: line {number} is no result; remove it ({error})") from error
     return races
+
+
+def _check_worlds(plan: Plan) -> None:
+    for world in plan.seeds:
+        if world not in NAMES:
+            known = ", ".join(NAMES)
+            raise UsageError(f"rival-tuning needs the world {world!r}; this version has: {known}")
 
 
 def _still_true(races: list[Race]) -> list[Race]:
@@ -253,10 +268,6 @@ def _still_true(races: list[Race]) -> list[Race]:
 
 
 def _world_version(world: str, seed: int) -> str:
-    from contextlib import closing
-
-    from rig.drivers.registry import open_source
-
     with closing(open_source(_address(world, seed, "320x240"), seed=seed)) as source:
         return source.world_version
 
