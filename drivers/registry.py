@@ -1,6 +1,8 @@
 """From the words after `--cameras` to an opened pair of cameras.
 
     sim:WORLD?OPTION=VALUE&...      simulated cameras in a simulated world, on a virtual clock
+    gige:sim:WORLD?OPTION=VALUE&... the same in real time, behind GigE Vision and Aravis
+    aravis:SERIAL,SERIAL            two real cameras, the primary first
     replay:FILE                     the frames of a recording, as they were taken
 
 Options of `sim:` are those of SIMULATION_OPTIONS. The address of an opened source has every option
@@ -15,14 +17,17 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, quote
 
 from rig.config import CameraModel, load_camera_model
 from rig.core.errors import UsageError
 from rig.core.protocols import Source
 
-SCHEMES = ("sim", "replay")
+if TYPE_CHECKING:
+    from rig.drivers.simulated.source import SimulatedSource
+
+SCHEMES = ("sim", "gige", "aravis", "replay")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +77,27 @@ def open_source(address: str, *, seed: int, split: str = "test") -> Source:
 
         return open_replay(Path(address.removeprefix("replay:")))
     parsed = parse_address(address)
+    if parsed.scheme == "gige":
+        return _open_gige(address.removeprefix("gige:"), seed=seed, split=split)
+    if parsed.scheme == "aravis":
+        from rig.drivers.aravis.address import open_aravis
+
+        return open_aravis(parsed.name, parsed.options)
     return _open_simulation(parsed, seed=seed, split=split)
 
 
-def _open_simulation(address: Address, *, seed: int, split: str) -> Source:
+def _open_gige(address: str, *, seed: int, split: str) -> Source:
+    from rig.drivers.simulated.gige.opening import open_over_gige
+
+    inner = parse_address(address)
+    if inner.scheme != "sim":
+        raise UsageError(f"gige:{address}: only simulated cameras are served; try gige:sim:tunnel")
+    return open_over_gige(
+        lambda: _open_simulation(inner, seed=seed, split=split), address, seed=seed, split=split
+    )
+
+
+def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSource:
     from rig.drivers.scenes import worlds
     from rig.drivers.scenes.step import SteppedScene, read_light_step
     from rig.drivers.simulated.source import Drive, simulate

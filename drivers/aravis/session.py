@@ -43,7 +43,7 @@ class PairSpec:
 
     names: Pair[str]
     mode: Mode = "next-frame"
-    rate_hz: float = 10.0
+    rate_hz: float | None = 10.0
     packet_bytes: int | None = None
     setup: Setup = field(default_factory=Setup)
     kind: CameraType = BLACKFLY_S
@@ -117,6 +117,7 @@ def open_session(spec: PairSpec, log: TriggerLog, clock: Clock) -> Session:
             cameras.secondary.wait_for("line", *blackfly.secondary_steps())
             prove_wiring(cameras, clock)
         if spec.mode == "free-run":
+            assert spec.rate_hz is not None
             cameras.primary.carry_out(*blackfly.free_run_steps(spec.rate_hz))
             for camera in cameras:
                 camera.limit_exposure(1e6 / spec.rate_hz - _FREE_RUN_MARGIN_US)

@@ -6,7 +6,7 @@ from contextlib import closing
 from typing import Literal
 
 from rig.cli.drive import make_header, record_drive
-from rig.cli.options import DEFAULT_RUN, RunOptions, make_folder, run_folder
+from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
 from rig.cli.race import contestant
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.controllers.perturb import make_perturbation
@@ -34,7 +34,7 @@ def collect(
         Controller of the primary camera.
     """
     leading = contestant(leader, run.seed)
-    with closing(open_source(run.cameras, seed=run.seed, split="train")) as source:
+    with closing(open_source(chosen_cameras(run.cameras), seed=run.seed, split="train")) as source:
         folder = run_folder(run.out, "collect")
         policy = CollectPolicy(leading, make_perturbation(perturb, seed=run.seed), SystemClock())
         options = {f"primary.{key}": value for key, value in leading.options.items()}

@@ -75,7 +75,7 @@ def announce(source: Source, triggers: int | None, terminal: Terminal) -> None:
 
 def is_simulated(address: str) -> bool:
     """Return whether an address names cameras that do not exist."""
-    return address.startswith("sim:")
+    return address.startswith(("sim:", "gige:"))
 
 
 def until(triggers: int | None, stop: StopRequest, advance: Advance) -> Callable[[int], bool]:

@@ -18,8 +18,11 @@ class StopRequest:
 
 
 @contextmanager
-def stop_on_signal() -> Iterator[StopRequest]:
-    """Turn the first SIGINT or SIGTERM into a request; a second one raises KeyboardInterrupt."""
+def stop_on_signal(ending: str = "finishing the recording") -> Iterator[StopRequest]:
+    """Turn the first SIGINT or SIGTERM into a request; a second one raises KeyboardInterrupt.
+
+    `ending` says what the first one begins.
+    """
     stop = StopRequest()
 
     def on_signal(number: int, _: FrameType | None) -> None:
@@ -27,7 +30,7 @@ def stop_on_signal() -> Iterator[StopRequest]:
             raise KeyboardInterrupt
         stop.requested = True
         name = signal.Signals(number).name
-        print(f"{name}: finishing the recording; again to stop at once", file=sys.stderr)
+        print(f"{name}: {ending}; again to stop at once", file=sys.stderr)
 
     before = {
         number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)

@@ -57,6 +57,10 @@ COMMANDS = {
         "rig calibrate-intrinsics --board charuco:9x6 --square-mm 30 --cameras "
         "'sim:chessboard?board=charuco'",
     ),
+    "serve": Told(
+        "Serve a simulated pair as two GigE Vision cameras for any GenICam client.",
+        "rig serve 'sim:tunnel?size=320x240'",
+    ),
     "report": Told(
         "Write summary.json and report.html of recordings anew.",
         "rig report runs/20260714-101500-race",

@@ -18,8 +18,8 @@ DEFAULT_CAMERAS = "sim:tunnel"
 class RunOptions:
     """Which cameras to drive, for how long, and where to."""
 
-    cameras: str = DEFAULT_CAMERAS
-    """Address of the camera pair, such as sim:tunnel?size=1024x768."""
+    cameras: str | None = None
+    """Address of the camera pair, such as sim:tunnel?size=1024x768; sim:tunnel when absent."""
     frames: int | None = None
     """Exactly this many triggers; the whole drive when absent."""
     seed: int = 0
@@ -29,6 +29,27 @@ class RunOptions:
 
 
 DEFAULT_RUN = RunOptions()
+
+
+def chosen_cameras(named: str | None, usual: str = DEFAULT_CAMERAS) -> str:
+    """Return the address to open: the one that was named, or the usual one.
+
+    Raises RigError when none was named and real cameras are connected: nobody should take a
+    simulation for them.
+    """
+    if named is not None:
+        return named
+    from rig.drivers.connected import connected_cameras
+
+    found = connected_cameras()
+    if found:
+        serials = [camera.serial for camera in found]
+        real = f"aravis:{','.join(serials[:2] if len(serials) > 1 else [*serials, 'SECONDARY'])}"
+        raise RigError(
+            f"real cameras are connected ({', '.join(serials)}) and --cameras was not given: "
+            f"pass --cameras {real} for them, or --cameras {usual} for the simulation"
+        )
+    return usual
 
 
 def run_folder(out: Path | None, command: str) -> Path:

@@ -14,7 +14,7 @@ from rig.cli.drive import make_header, record_drive
 from rig.cli.evaluate import words
 from rig.cli.exits import INTERRUPTED
 from rig.cli.judge import REPORT, publish, tell
-from rig.cli.options import DEFAULT_RUN, RunOptions, make_folder, run_folder
+from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
 from rig.cli.provenance import file_sha256
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.controllers.policies import RacePolicy
@@ -89,7 +89,7 @@ def race_once(
     """Drive once and publish the run in `folder`; `wiring` is (primary, secondary)."""
     primary, secondary = (contestant(spec, run.seed) for spec in wiring)
     wired = Pair(primary, secondary)
-    with closing(open_source(run.cameras, seed=run.seed, split="test")) as source:
+    with closing(open_source(chosen_cameras(run.cameras), seed=run.seed, split="test")) as source:
         header = make_header(
             source,
             run.seed,

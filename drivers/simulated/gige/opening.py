@@ -1,0 +1,42 @@
+"""`gige:sim:WORLD`: serve a simulated pair on loopback and open it as real cameras are opened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rig.core.protocols import Source
+from rig.core.types import Pair
+from rig.drivers.aravis.session import PairSpec
+from rig.drivers.aravis.source import Surroundings, open_pair
+from rig.drivers.simulated.gige.process import ServerProcess
+from rig.drivers.simulated.source import SimulatedSource
+
+SCHEME = "gige"
+
+
+def open_over_gige(
+    open_simulated: Callable[[], SimulatedSource], address: str, *, seed: int, split: str
+) -> Source:
+    """Open the simulated pair at `address` (`sim:...`) through GigE Vision and Aravis.
+
+    `open_simulated` opens it in this process as well, for what only a simulation knows; both
+    are made at the same time.
+    """
+    server = ServerProcess(address, seed=seed, split=split)
+    try:
+        simulated = open_simulated()
+        spec = PairSpec(server.addresses(), rate_hz=simulated.rate_hz)
+        return open_pair(spec, _surroundings(simulated), server.close)
+    except BaseException:
+        server.close()
+        raise
+
+
+def _surroundings(simulated: SimulatedSource) -> Surroundings:
+    return Surroundings(
+        address=f"{SCHEME}:{simulated.address}",
+        intrinsics=Pair(*simulated.intrinsics),
+        drive_triggers=simulated.drive_triggers,
+        world_version=simulated.world_version,
+        truth=simulated.truth,
+    )
