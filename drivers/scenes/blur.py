@@ -13,66 +13,33 @@ from rig.drivers.scenes.trajectories import Pose, Vector
 
 Floats = NDArray[np.float32]
 
-_LONGEST_STEPS = 96
-_STEP_PX = 1.0
+_MOST_STEPS = 96
+_SHORTEST_PX = 1e-3
 _DARKEST_CD_M2 = 1e-6
 
 
 def flow_blur(
-    radiance: Floats, ratio: Floats, depth_m: Floats, lens: Intrinsics, start: Pose, end: Pose
+    radiance: Floats, grey: Floats, depth_m: Floats, lens: Intrinsics, start: Pose, end: Pose
 ) -> Floats:
     """Return the mean of a view while the camera moves from `start` to `end`.
 
-    `radiance` and `depth_m` (H x W) were rendered at `start`; `ratio` is `channel_ratio(radiance)`.
-    Each pixel averages the grey picture along the displacement of the surface that it shows, and
-    keeps its own channel's share; occlusions are not re-rendered.
+    `radiance`, `grey` and `depth_m` (H x W) were rendered at `start`.
+    Each pixel averages the grey picture along the way back to where its surface was at `start`,
+    evenly in time, and keeps its own channel's share. The surface is taken to be as far away at
+    the end as the depth at `start` says, which holds along roads and walls; occlusions are not
+    re-rendered.
     """
-    turn = end.rotation @ start.rotation.T
-    shift = end.rotation @ (start.centre - end.centre)
+    turn = start.rotation @ end.rotation.T
+    shift = start.rotation @ (end.centre - start.centre)
     out = np.empty_like(radiance)
-    _gather(radiance / ratio, ratio, depth_m, lens.fx_px, lens.cx_px, lens.cy_px, turn, shift, out)
+    _gather(radiance, grey, depth_m, lens.fx_px, lens.cx_px, lens.cy_px, turn, shift, out)
     return out
 
 
-@nb.njit(parallel=True, cache=True, fastmath=True, nogil=True)
-def channel_ratio(radiance: Floats) -> Floats:
-    """Return what each Bayer pixel's channel has over the local grey (R/4 + G/2 + B/4), H x W.
-
-    Both are means over the pixel and its eight nearest neighbours of the same channel.
-    """
-    height, width = radiance.shape
-    grey = np.empty_like(radiance)
-    for y in nb.prange(height):
-        up = y - 1 if y > 0 else 1
-        down = y + 1 if y < height - 1 else height - 2
-        for x in range(width):
-            left = x - 1 if x > 0 else 1
-            right = x + 1 if x < width - 1 else width - 2
-            beside = radiance[up, x] + radiance[down, x] + radiance[y, left] + radiance[y, right]
-            corners = (radiance[up, left] + radiance[up, right] + radiance[down, left]) + radiance[
-                down, right
-            ]
-            grey[y, x] = (4 * radiance[y, x] + 2 * beside + corners) / 16
-    ratio = np.empty_like(radiance)
-    for row in nb.prange(height):
-        y = int(np.int64(row))  # a parallel index is unsigned: y - 2 would be a float
-        for x in range(width):
-            own = 0.0
-            all_channels = 0.0
-            for j in range(-2, 3, 2):
-                yy = y + j if 0 <= y + j < height else y
-                for i in range(-2, 3, 2):
-                    xx = x + i if 0 <= x + i < width else x
-                    own += radiance[yy, xx]
-                    all_channels += grey[yy, xx]
-            ratio[y, x] = max(own, _DARKEST_CD_M2) / max(all_channels, _DARKEST_CD_M2)
-    return ratio
-
-
-@nb.njit(parallel=True, cache=True, fastmath=True, nogil=True)
+@nb.njit(parallel=True, cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _gather(
+    radiance: Floats,
     grey: Floats,
-    ratio: Floats,
     depth_m: Floats,
     f: float,
     cx: float,
@@ -82,7 +49,8 @@ def _gather(
     out: Floats,
 ) -> None:
     height, width = grey.shape
-    for y in nb.prange(height):
+    for row in nb.prange(height):
+        y = int(np.int64(row))
         for x in range(width):
             z = depth_m[y, x]
             X = (x - cx) / f * z
@@ -92,18 +60,54 @@ def _gather(
             c = max(turn[2, 0] * X + turn[2, 1] * Y + turn[2, 2] * z + shift[2], 0.05)
             dx = a / c * f + cx - x
             dy = b / c * f + cy - y
-            length = math.sqrt(dx * dx + dy * dy)
-            steps = int(min(max(math.ceil(length / _STEP_PX), 1), _LONGEST_STEPS))
-            total = 0.0
-            for i in range(steps):
-                k = (i + 0.5) / steps
-                u = min(max(x - k * dx, 0.0), width - 1.001)
-                v = min(max(y - k * dy, 0.0), height - 1.001)
-                ix = int(u)
-                iy = int(v)
-                p = u - ix
-                q = v - iy
-                top = grey[iy, ix] * (1 - p) + grey[iy, ix + 1] * p
-                low = grey[iy + 1, ix] * (1 - p) + grey[iy + 1, ix + 1] * p
-                total += top * (1 - q) + low * q
-            out[y, x] = ratio[y, x] * total / steps
+            colour = radiance[y, x] / max(grey[y, x], _DARKEST_CD_M2)
+            out[y, x] = colour * _mean_along(grey, x, y, dx, dy, c / z)
+
+
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _mean_along(grey: Floats, x: int, y: int, dx: float, dy: float, far: float) -> float:
+    """Return the mean over time of a picture along the line from (x, y) to (x + dx, y + dy).
+
+    `far` is the depth at the line's end over that at its begin: what comes nearer moves faster.
+    A step goes from pixel to pixel along the longer axis and blends two pixels along the other
+    one only, which keeps the picture sharper than blending four.
+    """
+    length = max(abs(dx), abs(dy))
+    if length < _SHORTEST_PX:
+        return float(grey[y, x])
+    cell = max(1.0, length / _MOST_STEPS)
+    last = int(length / cell + 0.5)
+    along_x = abs(dx) >= abs(dy)
+    total = 0.0
+    before = 0.0
+    low = 0.0
+    for n in range(last + 1):
+        high = min((n + 0.5) * cell / length, 1.0)
+        after = high / (far - high * (far - 1.0))
+        middle = 0.5 * (low + high)
+        whole = n * cell / length
+        if along_x:
+            value = _blend(grey, y + middle * dy, math.floor(x + whole * dx + 0.5), True)
+        else:
+            value = _blend(grey, x + middle * dx, math.floor(y + whole * dy + 0.5), False)
+        total += value * (after - before)
+        before = after
+        low = high
+    return total
+
+
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy", inline="always")
+def _blend(grey: Floats, across: float, at: int, along_x: bool) -> float:
+    """Return the picture between two pixels of a column (`along_x`) or of a row."""
+    height, width = grey.shape
+    if along_x:
+        x = min(max(at, 0), width - 1)
+        v = min(max(across, 0.0), height - 1.001)
+        iy = int(v)
+        q = v - iy
+        return float(grey[iy, x] * (1 - q) + grey[iy + 1, x] * q)
+    y = min(max(at, 0), height - 1)
+    u = min(max(across, 0.0), width - 1.001)
+    ix = int(u)
+    p = u - ix
+    return float(grey[y, ix] * (1 - p) + grey[y, ix + 1] * p)

@@ -34,13 +34,15 @@ _WEIGHT = 0.5
 
 def render(
     surfaces: Surfaces, atlas: Atlas, light_lux: Floats, sky: Floats, lens: Intrinsics, pose: Pose
-) -> tuple[Floats, Floats]:
-    """Return radiance (cd/m2, each pixel in its Bayer channel, RGGB) and depth (metres).
+) -> tuple[Floats, Floats, Floats]:
+    """Return radiance (cd/m2, each pixel in its Bayer channel, RGGB), the same in grey, and depth.
 
-    Both are H x W. Two samples a pixel; the depth is that of the first. `light_lux` holds the
-    baked illuminance of every surface, laid out by `surfaces.light_table`.
+    All are H x W; grey is R/4 + G/2 + B/4, depth is in metres. Two samples a pixel; the depth is
+    that of the first. `light_lux` holds the baked illuminance of every surface, laid out by
+    `surfaces.light_table`.
     """
     radiance = np.zeros((lens.height_px, lens.width_px), np.float32)
+    grey = np.zeros_like(radiance)
     depth_m = np.empty_like(radiance)
     camera = (lens.fx_px, lens.cx_px, lens.cy_px)
     quads, nearest_m, to_surface, edges = _project(
@@ -58,9 +60,10 @@ def render(
         pose.rotation,
         camera,
         radiance,
+        grey,
         depth_m,
     )
-    return radiance, depth_m
+    return radiance, grey, depth_m
 
 
 @nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
@@ -183,6 +186,7 @@ def _draw(
     rotation: Vector,
     camera: tuple[float, float, float],
     radiance: Floats,
+    grey: Floats,
     depth_m: Floats,
 ) -> None:
     """Draw in bands of fixed height, so that the result does not depend on the threads.
@@ -220,6 +224,7 @@ def _draw(
                     camera,
                     scratch,
                     radiance[top + row],
+                    grey[top + row],
                 )
             if shift_px < 0:
                 for row in range(rows):
@@ -309,6 +314,7 @@ def _shade(
     camera: tuple[float, float, float],
     scratch: Vector,
     row: Floats,
+    grey: Floats,
 ) -> None:
     """Add one sample to every pixel of a row, one run of pixels of the same owner at a time."""
     f, cx, cy = camera
@@ -324,7 +330,7 @@ def _shade(
         run = row[start:stop]
         if q < 0:
             ray = ((x - cx) / f, (y - shift_px - cy) / f, 1 / f)
-            add_sky(sky, rotation, ray, channels, _WEIGHT, run)
+            add_sky(sky, rotation, ray, channels, _WEIGHT, run, grey[start:stop])
         else:
             add_surface(
                 to_surface[q],
@@ -338,6 +344,7 @@ def _shade(
                 light,
                 scratch,
                 run,
+                grey[start:stop],
             )
         start = stop
 

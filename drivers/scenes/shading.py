@@ -57,8 +57,9 @@ def add_sky(
     channels: tuple[int, int],
     weight: float,
     row: Floats,
+    grey: Floats,
 ) -> None:
-    """Add to a run of pixels what the panorama shows along their rays.
+    """Add to a run of pixels, in colour and in grey, what the panorama shows along their rays.
 
     The ray of pixel i is (a + i * step, b, 1) in the optical frame, `first` holds a, b and step;
     `channels` are those of the first and the second pixel, then of every other one.
@@ -79,10 +80,35 @@ def add_sky(
         r = v - iv
         i0 = iu if iu >= 0 else wide - 1
         i1 = iu + 1 if iu + 1 < wide else 0
-        channel = channels[i & 1]
-        upper = sky[channel, iv, i0] * (1 - p) + sky[channel, iv, i1] * p
-        lower = sky[channel, iv + 1, i0] * (1 - p) + sky[channel, iv + 1, i1] * p
-        row[i] += np.float32(weight * (upper * (1 - r) + lower * r))
+        weights = (
+            np.float32(weight * (1 - p) * (1 - r)),
+            np.float32(weight * p * (1 - r)),
+            np.float32(weight * (1 - p) * r),
+            np.float32(weight * p * r),
+        )
+        colour = (
+            _blend(sky[0], iv, i0, i1, weights),
+            _blend(sky[1], iv, i0, i1, weights),
+            _blend(sky[2], iv, i0, i1, weights),
+        )
+        row[i] += colour[channels[i & 1]]
+        grey[i] += np.float32(0.25) * (colour[0] + colour[2]) + np.float32(0.5) * colour[1]
+
+
+@nb.njit(cache=True, fastmath=True, nogil=True, error_model="numpy", inline="always")
+def _blend(
+    plane: Floats,
+    iv: int,
+    i0: int,
+    i1: int,
+    weights: tuple[np.float32, np.float32, np.float32, np.float32],
+) -> np.float32:
+    return np.float32(
+        plane[iv, i0] * weights[0]
+        + plane[iv, i1] * weights[1]
+        + plane[iv + 1, i0] * weights[2]
+        + plane[iv + 1, i1] * weights[3]
+    )
 
 
 @nb.njit(cache=True, fastmath=IN_ORDER, nogil=True, error_model="numpy")
@@ -98,16 +124,19 @@ def add_surface(
     light: Floats,
     scratch: Vector,
     row: Floats,
+    grey: Floats,
 ) -> None:
-    """Add to up to RUN_PX pixels from (x, y) on what one quad sends there.
+    """Add to up to RUN_PX pixels from (x, y) on, in colour and in grey, what one quad sends there.
 
     Lambert: albedo times baked illuminance over pi; a lamp shines by itself.
     """
     count = row.size
     tint = (paint[TINT + channels[0]], paint[TINT + channels[1]])
+    grey_tint = 0.25 * (paint[TINT] + paint[TINT + 2]) + 0.5 * paint[TINT + 1]
     if paint[EMITTED] > 0:
         for k in range(count):
             row[k] += np.float32(weight * paint[EMITTED] * tint[k & 1])
+            grey[k] += np.float32(weight * paint[EMITTED] * grey_tint)
         return
     place(to_surface, x, y, count, scratch)
     slow_per_m = paint[MACRO_PER_M]
@@ -146,5 +175,6 @@ def add_surface(
         upper = light[near] * (1 - p) + light[near + one] * p
         lower = light[far] * (1 - p) + light[far + one] * p
         lux = upper * (1 - r) + lower * r
-        albedo = scratch[VALUE + i] * scratch[SLOW + i]
-        row[k] += np.float32(albedo * lux * scale * tint[k & 1])
+        white = scratch[VALUE + i] * scratch[SLOW + i] * lux * scale
+        row[k] += np.float32(white * tint[k & 1])
+        grey[k] += np.float32(white * grey_tint)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.core.types import Intrinsics, Side, Truth
-from rig.drivers.scenes.blur import channel_ratio, flow_blur
+from rig.drivers.scenes.blur import flow_blur
 from rig.drivers.scenes.cache import Arrays, cached
 from rig.drivers.scenes.geometry import Quad, Surfaces, surfaces
 from rig.drivers.scenes.light import LIGHT_VERSION, Sunlight, bake
@@ -93,6 +93,7 @@ class RenderedView:
     side: Side
     time_s: float
     radiance_cd_m2: NDArray[np.float32]
+    grey_cd_m2: NDArray[np.float32]
     depth_m: NDArray[np.float32]
 
     def exposed(self, exposure_us: float) -> NDArray[np.float32]:
@@ -100,11 +101,15 @@ class RenderedView:
         start = self.scene.pose(self.side, self.time_s)
         end = self.scene.pose(self.side, self.time_s + exposure_us * 1e-6)
         lens = self.scene.intrinsics(self.side)
-        return flow_blur(self.radiance_cd_m2, self._ratio, self.depth_m, lens, start, end)
+        return flow_blur(self.radiance_cd_m2, self.grey_cd_m2, self.depth_m, lens, start, end)
 
-    @cached_property
-    def _ratio(self) -> NDArray[np.float32]:
-        return np.asarray(channel_ratio(self.radiance_cd_m2))
+    def exposed_exactly(self, exposure_us: float, moments: int) -> NDArray[np.float32]:
+        """Return the same by rendering `moments` instants of the exposure: slow, for comparison."""
+        total = np.zeros(self.radiance_cd_m2.shape)
+        for k in range(moments):
+            share = (k + 0.5) / moments
+            total += self.scene.rendered(self.side, self.time_s + share * exposure_us * 1e-6)[0]
+        return (total / moments).astype(np.float32)
 
     @cached_property
     def light_cd_m2(self) -> float:
@@ -152,12 +157,16 @@ class RenderedScene:
         if key not in self._views:
             while len(self._views) >= _REMEMBERED_VIEWS:
                 self._views.pop(next(iter(self._views)), None)
-            w = self.world
-            radiance, depth_m = render(
-                w.surfaces, w.atlas, w.light_lux, w.sky, self.lens, self.pose(side, time_s)
-            )
-            self._views[key] = RenderedView(self, side, time_s, radiance, depth_m)
+            self._views[key] = RenderedView(self, side, time_s, *self.rendered(side, time_s))
         return self._views[key]
+
+    def rendered(
+        self, side: Side, time_s: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Return the radiance, the same in grey, and the depth of one camera at one instant."""
+        w = self.world
+        pose = self.pose(side, time_s)
+        return render(w.surfaces, w.atlas, w.light_lux, w.sky, self.lens, pose)
 
     def truth(self, time_s: float) -> Truth:
         """Return where the primary camera is and how bright its view is."""

@@ -87,7 +87,7 @@ def test_a_surface_shines_with_albedo_times_light_over_pi_in_its_bayer_channel()
     put.gate(PATH, 10.0, (-20.0, 20.0), (-20.0, 20.0), Material("grey", None, (1.0, 0.5, 0.25)))
     model = surfaces(put.quads, atlas())
     light = np.full(int(model.light_table[0, 1:].prod()), 100 * math.pi, np.float32)
-    radiance, depth_m = picture(put, model, light, np.zeros((3, 4, 4), np.float32))
+    radiance, _, depth_m = picture(put, model, light, np.zeros((3, 4, 4), np.float32))
     assert depth_m == pytest.approx(10.0, rel=1e-5)
     for (row, column), expected in {(0, 0): 50, (0, 1): 25, (1, 0): 25, (1, 1): 12.5}.items():
         assert radiance[row::2, column::2] == pytest.approx(expected, rel=1e-5)
@@ -100,7 +100,7 @@ def test_the_sky_is_far_and_the_nearer_surface_hides_the_farther() -> None:
     model = surfaces(put.quads, atlas())
     light = np.ones(int(model.light_table[:, 1:].prod(1).sum()), np.float32)
     sky = np.full((3, 4, 4), 7.0, np.float32)
-    radiance, depth_m = picture(put, model, light, sky)
+    radiance, _, depth_m = picture(put, model, light, sky)
     assert depth_m[24, 32] == pytest.approx(10.0, rel=1e-5)
     assert depth_m[24, 32 + 7] == pytest.approx(20.0, rel=1e-5)
     assert depth_m[0, 0] == FAR_M
