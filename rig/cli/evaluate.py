@@ -5,15 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rig.cli.exits import OK
 from rig.cli.judge import judge, table
+from rig.cli.options import make_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.aggregate import aggregate
+from rig.evaluation.front_ends import FrontEnds, parse_front_ends
+from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures
-from rig.evaluation.series import FRONT_ENDS, FrontEnds
+from rig.evaluation.summary import RACE_SIDES, Summary
 from rig.record.reader import open_recording
 
+FRONT_END_TITLES = {"orb": "ORB", "viso2": "viso2-style"}
 RECORDING_SUFFIXES = {".mcap", ".yaml"}
 
 
@@ -21,6 +27,7 @@ def evaluate(
     *recordings: Path,
     front_end: str = "orb",
     step: int = 1,
+    trajectories: Path | None = None,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Judge recordings by a visual-odometry front end and rank the controllers that drove them.
@@ -32,32 +39,49 @@ def evaluate(
     recordings:
         Runs, or videos, or folders of pictures.
     front_end:
-        Front ends, separated by commas; this version has orb.
+        Front ends with their options: orb, viso2, orb:size=full,features=5000,viso2:half=no, ...
+        orb has size (WIDTHxHEIGHT or full), features, threshold_px, estimator (ransac or magsac)
+        and geometry (fundamental or essential); viso2 has half (yes or no), height_m, pitch_deg.
     step:
         Take every n-th picture of a video or a folder.
+    trajectories:
+        Folder to make, for the ways that viso2 told and the true ones, as TUM files.
     """
     if not recordings:
         raise UsageError("nothing to evaluate: name a recording, a video, or a folder of pictures")
     if step < 1:
         raise UsageError(f"--step must be at least 1, got {step}")
-    front_ends = choose(front_end)
+    front_ends = parse_front_ends(front_end)
+    if trajectories is not None:
+        if "viso2" not in front_ends:
+            raise UsageError("--trajectories needs odometry: add --front-end orb,viso2")
+        make_folder(trajectories)
     runs = [path for path in recordings if is_recording(path)]
     films = [path for path in recordings if not is_recording(path)]
-    summaries = [judge(open_recording(path), terminal, front_ends).as_json() for path in runs]
+    judged = [judge(open_recording(path), terminal, front_ends) for path in runs]
+    if trajectories is not None:
+        for path, summary in zip(runs, judged, strict=True):
+            write_ways(trajectories, path, summary)
+    summaries = [summary.as_json() for summary in judged]
     pictures = {str(path): film(path, step, front_ends, terminal) for path in films}
     values = aggregate(summaries) | ({"pictures": pictures} if pictures else {})
     terminal.result(words(values), values)
     return OK
 
 
-def choose(names: str) -> FrontEnds:
-    """Return the front ends that `names` lists; raises UsageError for one that there is not."""
-    chosen = [name.strip() for name in names.split(",")]
-    for name in chosen:
-        if name not in FRONT_ENDS:
-            known = ", ".join(FRONT_ENDS)
-            raise UsageError(f"unknown front end {name!r}; this version has: {known}")
-    return {name: FRONT_ENDS[name] for name in chosen}
+def write_ways(folder: Path, run: Path, summary: Summary) -> None:
+    """Write both cameras' ways of a run, and the true one where it is known, as TUM files."""
+    series = summary.series
+    came = np.isfinite(series.time_s)
+    times_s = dict(zip(series.trigger[came].tolist(), series.time_s[came].tolist(), strict=True))
+    name = run.stem if run.is_file() else run.name
+    for side in RACE_SIDES:
+        odometry = summary.camera(side).odometry
+        if odometry is None:
+            continue
+        write_tum(folder / f"{name}-{side}.tum", times_s, odometry.estimated)
+        if len(odometry.truth):
+            write_tum(folder / f"{name}-truth.tum", times_s, odometry.truth.only(times_s))
 
 
 def is_recording(path: Path) -> bool:
@@ -86,7 +110,12 @@ def words(values: dict[str, Any]) -> str:
         told = "no ratio" if ratio is None else f"median ratio {ratio:.2f}"
         lines.append(f"{pair}: {told} ({sure}), won {result['wins']}, lost {result['losses']}")
     for path, told in values.get("pictures", {}).items():
-        orb = told["orb"]
-        median = f"{orb['median']:.0f}" if orb["median"] is not None else "-"
-        lines.append(f"{path}: {told['pictures']} pictures, ORB median {median}, min {orb['min']}")
+        for name, title in FRONT_END_TITLES.items():
+            if name in told:
+                median = told[name]["median"]
+                middle = f"{median:.0f}" if median is not None else "-"
+                lines.append(
+                    f"{path}: {told['pictures']} pictures, "
+                    f"{title} median {middle}, min {told[name]['min']}"
+                )
     return "\n".join(lines)

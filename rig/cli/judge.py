@@ -10,9 +10,9 @@ from typing import Any
 
 from rig.cli.terminal import Advance, Terminal
 from rig.core.types import PairRecord
+from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FRONT_ENDS, FrontEnds
 from rig.evaluation.report.page import write_report
 from rig.evaluation.report.verdict import verdict
-from rig.evaluation.series import FRONT_ENDS, FrontEnds
 from rig.evaluation.summary import Summary, summarise
 from rig.record.header import RunHeader
 from rig.record.reader import Recording, open_recording
@@ -39,16 +39,20 @@ class Watched:
             yield record
 
 
-def judge(recording: Recording, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
+def judge(
+    recording: Recording, terminal: Terminal, front_ends: FrontEnds = DEFAULT_FRONT_ENDS
+) -> Summary:
     """Return what a recording came to, showing progress over its triggers."""
     with terminal.progress("judging", len(recording)) as advance:
         return summarise(Watched(recording, advance), front_ends)
 
 
-def publish(folder: Path, terminal: Terminal) -> Summary:
+def publish(
+    folder: Path, terminal: Terminal, front_ends: FrontEnds = DEFAULT_FRONT_ENDS
+) -> Summary:
     """Judge the recording in `folder` and write its summary.json and report.html."""
     recording = open_recording(folder)
-    summary = judge(recording, terminal)
+    summary = judge(recording, terminal, front_ends)
     values = json.dumps(summary.as_json(), indent=2)
     (folder / "summary.json").write_text(values + "\n", encoding="utf-8")
     write_report(folder / REPORT, recording, summary)
@@ -63,20 +67,24 @@ def tell(folder: Path, summary: Summary, terminal: Terminal) -> None:
 
 
 def table(runs: list[dict[str, Any]]) -> str:
-    """Return one line a controller: ORB inliers, settings, decision time."""
-    titles = f"{'median':>8}{'min':>6}{'blind':>7}{'exposure us':>14}{'gain dB':>9}"
+    """Return one line a controller and front end: inliers, odometry, settings."""
+    inliers = f"{'':>6}{'median':>8}{'min':>6}{'blind':>7}{'moved %':>9}"
+    titles = f"{inliers}{'exposure us':>14}{'gain dB':>9}"
     lines = [f"{'controller':<28}{titles}"]
     for run in runs:
-        lines += [_row(run[side]) for side in ("left", "right")]
+        for side in ("left", "right"):
+            lines += [_row(run[side], name) for name in FRONT_ENDS if name in run[side]]
     return "\n".join(lines)
 
 
-def _row(side: dict[str, Any]) -> str:
-    orb = side["orb"]
+def _row(side: dict[str, Any], front_end: str) -> str:
+    inliers = side[front_end]
     cells = [
-        _number(orb["median"], 8),
-        _number(orb["min"], 6),
-        _number(orb["blind_frames"], 7),
+        f"{front_end:>6}",
+        _number(inliers["median"], 8),
+        _number(inliers["min"], 6),
+        _number(inliers["blind_frames"], 7),
+        _number(inliers.get("frames_processed_pct"), 9),
         _number(side["exposure_us"][1], 14),
         _number(side["gain_db"][1], 9, places=1),
     ]

@@ -44,6 +44,10 @@ COMMANDS = {
         "Work out the best median and minimum of inliers that any controller could reach.",
         "rig bound 'sim:tunnel?seed=3' --json",
     ),
+    "match": Told(
+        "Match two pictures by the front ends that judge drives.",
+        "rig match a.png b.png --front-end viso2 --half --json",
+    ),
     "metrics": Told(
         "Score pictures by the image metrics of the field.",
         "rig metrics a.png b.png --json",

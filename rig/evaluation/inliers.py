@@ -18,12 +18,12 @@ class Matches(Protocol):
     """What a front end found in two pictures; rows of points and mask belong together."""
 
     @property
-    def points_a_px(self) -> NDArray[np.floating[Any]]:
+    def points_a_px(self) -> NDArray[np.number[Any]]:
         """Return where the matches are in the first picture, N x 2 (x, y) in analysed pixels."""
         ...
 
     @property
-    def points_b_px(self) -> NDArray[np.floating[Any]]:
+    def points_b_px(self) -> NDArray[np.number[Any]]:
         """Return where the matches are in the second picture, N x 2 (x, y) in analysed pixels."""
         ...
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.errors import RecordingError
-from rig.evaluation.inliers import InlierCounter
-from rig.evaluation.series import FRONT_ENDS, Column, FrontEnds
+from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FrontEnds
+from rig.evaluation.series import Column
 from rig.evaluation.statistics import BLIND_BELOW, inlier_statistics
 
 PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".webp"})
@@ -44,7 +44,7 @@ class PictureSeries:
 
 
 def judge_pictures(
-    path: Path, *, step: int = 1, front_ends: FrontEnds = FRONT_ENDS
+    path: Path, *, step: int = 1, front_ends: FrontEnds = DEFAULT_FRONT_ENDS
 ) -> PictureSeries:
     """Return the inliers between every `step`-th picture of a video or folder and the one before.
 
@@ -53,7 +53,7 @@ def judge_pictures(
     """
     if step < 1:
         raise ValueError(f"step must be at least 1, got {step}")
-    counters = {name: InlierCounter(build()) for name, build in front_ends.items()}
+    counters = {name: recipe.counter(None) for name, recipe in front_ends.items()}
     counts: dict[str, list[float]] = {name: [] for name in front_ends}
     greys: list[float] = []
     with closing(grey_pictures(path)) as pictures:

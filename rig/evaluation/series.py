@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,17 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.core.types import Decision, Frame, Lost, Pair, PairRecord
+from rig.core.types import Decision, Frame, Intrinsics, Lost, Pair, PairRecord
 from rig.core.units import NS_PER_S, NS_PER_US
-from rig.evaluation.inliers import FrontEnd, InlierCounter, arrived, grey_of
-from rig.vision.orb import OrbFrontEnd
+from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FrontEnds
+from rig.evaluation.inliers import arrived, grey_of
+from rig.evaluation.odometry import Odometry, OdometryCounter, Trajectory, pose_matrix
 
 Column = NDArray[np.float64]
 
-FrontEnds = Mapping[str, Callable[[], FrontEnd]]
-
-FRONT_ENDS: FrontEnds = {"orb": OrbFrontEnd}
-"""How to build each front end, under its name in summary.json."""
+UNKNOWN_LENSES: Pair[Intrinsics | None] = Pair(None, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +27,8 @@ class CameraSeries:
 
     `inliers` maps a front end's name to the counts between the pictures of trigger k - 1 and k.
     `exposure_us` and `gain_db` are those used. `mean_grey_dn` is 0..255. `decision_ms` is how
-    long the decision taken after this pair took.
+    long the decision taken after this pair took. `odometry` is there when the viso2-style front
+    end ran and the lens is known.
     """
 
     inliers: Mapping[str, Column]
@@ -37,6 +36,7 @@ class CameraSeries:
     gain_db: Column
     mean_grey_dn: Column
     decision_ms: Column
+    odometry: Odometry | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +79,8 @@ class _Event(NamedTuple):
 class _Watcher:
     """Measures one camera's pictures, with a counter for each front end."""
 
-    def __init__(self, front_ends: FrontEnds) -> None:
-        self._counters = [InlierCounter(build()) for build in front_ends.values()]
+    def __init__(self, front_ends: FrontEnds, intrinsics: Intrinsics | None) -> None:
+        self._counters = [recipe.counter(intrinsics) for recipe in front_ends.values()]
 
     def look(self, trigger: int, shot: Frame | Lost, decision: Decision | None) -> _Look:
         """Return the row of a frame that came."""
@@ -98,24 +98,40 @@ class _Watcher:
         """Return the row of an incomplete pair."""
         return _Look((np.nan,) * len(self._counters), np.nan, np.nan, np.nan, np.nan)
 
+    def odometry(self, truth: Trajectory) -> Odometry | None:
+        """Return what visual odometry made of the pictures; None when it did not run."""
+        for counter in self._counters:
+            if isinstance(counter, OdometryCounter):
+                return Odometry(tuple(counter.steps), truth)
+        return None
 
-def measure(records: Iterable[PairRecord], front_ends: FrontEnds = FRONT_ENDS) -> RunSeries:
+
+def measure(
+    records: Iterable[PairRecord],
+    front_ends: FrontEnds = DEFAULT_FRONT_ENDS,
+    intrinsics: Pair[Intrinsics] | Pair[Intrinsics | None] = UNKNOWN_LENSES,
+) -> RunSeries:
     """Return the columns of a run, its records given in order.
 
     Both cameras are measured at the same time, in two threads; memory holds one pair of pictures
     and the features of the pair before. Which counts exist is told at
-    `rig.evaluation.inliers.orb_inliers`.
+    `rig.evaluation.inliers.orb_inliers`. Both ways are compared with the primary camera's true
+    one: the secondary's is the same but for the few centimetres between the two.
     """
-    watchers = Pair(_Watcher(front_ends), _Watcher(front_ends))
+    watchers = Pair(*(_Watcher(front_ends, lens) for lens in intrinsics))
     triggers: list[int] = []
     causes: list[str] = []
     events: list[_Event] = []
     looks: list[Pair[_Look]] = []
+    truths: dict[int, NDArray[np.float64]] = {}
     with ThreadPoolExecutor(max_workers=2) as pool:
         for record in records:
             triggers.append(record.trigger)
             causes.append(record.cause)
             events.append(_event(record))
+            if record.truth is not None:
+                truth = record.truth
+                truths[record.trigger] = pose_matrix(truth.position_m, truth.orientation_xyzw)
             if record.complete:
                 both = pool.map(
                     _Watcher.look, watchers, [record.trigger] * 2, record.shot, record.decisions
@@ -125,6 +141,9 @@ def measure(records: Iterable[PairRecord], front_ends: FrontEnds = FRONT_ENDS) -
                 looks.append(Pair(*(watcher.look_away() for watcher in watchers)))
     time_ns = _column([event.time_ns for event in events])
     came = time_ns[np.isfinite(time_ns)]
+    way = Trajectory(
+        np.array(list(truths), np.int64), np.array(list(truths.values())).reshape(-1, 4, 4)
+    )
     return RunSeries(
         trigger=np.array(triggers, np.int64),
         cause=tuple(causes),
@@ -132,8 +151,10 @@ def measure(records: Iterable[PairRecord], front_ends: FrontEnds = FRONT_ENDS) -
         light_cd_m2=_column([event.light_cd_m2 for event in events]),
         offset_us=_column([event.offset_us for event in events]),
         cameras=Pair(
-            _camera([pair.primary for pair in looks], tuple(front_ends)),
-            _camera([pair.secondary for pair in looks], tuple(front_ends)),
+            _camera([pair.primary for pair in looks], front_ends, watchers.primary.odometry(way)),
+            _camera(
+                [pair.secondary for pair in looks], front_ends, watchers.secondary.odometry(way)
+            ),
         ),
     )
 
@@ -147,7 +168,9 @@ def _event(record: PairRecord) -> _Event:
     )
 
 
-def _camera(looks: Sequence[_Look], front_ends: tuple[str, ...]) -> CameraSeries:
+def _camera(
+    looks: Sequence[_Look], front_ends: FrontEnds, odometry: Odometry | None
+) -> CameraSeries:
     return CameraSeries(
         inliers={
             name: _column([look.inliers[index] for look in looks])
@@ -157,6 +180,7 @@ def _camera(looks: Sequence[_Look], front_ends: tuple[str, ...]) -> CameraSeries
         gain_db=_column([look.gain_db for look in looks]),
         mean_grey_dn=_column([look.mean_grey_dn for look in looks]),
         decision_ms=_column([look.decision_ms for look in looks]),
+        odometry=odometry,
     )
 
 

@@ -8,9 +8,12 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol, TypeVar
 
 from rig.core.types import SIDES, Pair, PairRecord, Side
-from rig.evaluation.series import FRONT_ENDS, CameraSeries, FrontEnds, RunSeries, measure
+from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FrontEnds
+from rig.evaluation.odometry import Odometry, mean_inlier_pct, processed_pct
+from rig.evaluation.series import CameraSeries, RunSeries, measure
 from rig.evaluation.statistics import (
     BLIND_BELOW,
+    WARM_UP_PAIRS,
     InlierStatistics,
     counted,
     inlier_statistics,
@@ -47,7 +50,8 @@ class SideSummary:
     """One controller's part in a run.
 
     `inliers` maps each front end that ran to its statistics; `exposure_us` and `gain_db` are
-    (lowest, median, highest) of what was used; `decision_ms` holds p50 and p99.
+    (lowest, median, highest) of what was used; `decision_ms` holds p50 and p99. `odometry` is
+    there when the viso2-style front end ran.
     """
 
     controller: str
@@ -55,12 +59,23 @@ class SideSummary:
     exposure_us: Spread
     gain_db: Spread
     decision_ms: Mapping[str, float | None]
+    odometry: Odometry | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the object under `left` or `right` in summary.json."""
+        front_ends = {name: asdict(statistics) for name, statistics in self.inliers.items()}
+        told: dict[str, Any] = {}
+        if self.odometry is not None:
+            steps = self.odometry.since(WARM_UP_PAIRS)
+            front_ends["viso2"] |= {
+                "frames_processed_pct": processed_pct(steps),
+                "mean_inlier_pct": mean_inlier_pct(steps),
+            }
+            told = {"odometry": self.odometry.as_json(since=WARM_UP_PAIRS)}
         return {
             "controller": self.controller,
-            **{name: asdict(statistics) for name, statistics in self.inliers.items()},
+            **front_ends,
+            **told,
             "exposure_us": list(self.exposure_us),
             "gain_db": list(self.gain_db),
             "decision_ms": dict(self.decision_ms),
@@ -127,13 +142,13 @@ def other(side: Side) -> Side:
     return SIDES[1 - SIDES.index(side)]
 
 
-def summarise(recording: Recorded, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
+def summarise(recording: Recorded, front_ends: FrontEnds = DEFAULT_FRONT_ENDS) -> Summary:
     """Return what a recorded run came to; reads its pictures once, in bounded memory.
 
     The header's option `swap=true` says that the left controller drove the secondary camera.
     """
     header = recording.header
-    series = measure(recording.records(), front_ends)
+    series = measure(recording.records(), front_ends, header.intrinsics)
     left_side: Side = "secondary" if header.options.get("swap") == "true" else "primary"
     right_side = other(left_side)
     return Summary(
@@ -156,4 +171,5 @@ def _side(controller: str, series: RunSeries, side: Side) -> SideSummary:
         exposure_us=spread(counted(series.trigger, camera.exposure_us)),
         gain_db=spread(counted(series.trigger, camera.gain_db)),
         decision_ms=latency(counted(series.trigger, camera.decision_ms)),
+        odometry=camera.odometry,
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.core.types import Intrinsics
 from rig.vision.matching import DESCRIPTOR_BYTES, mutual_matches
 
 MINIMUM_MATCHES = 8
@@ -16,6 +17,11 @@ MINIMUM_MATCHES = 8
 
 ANALYSIS_SIZE_PX = (512, 384)
 """Width and height of the picture in which the published recipe looks for features."""
+
+Estimator = Literal["ransac", "magsac"]
+
+_ESSENTIAL = {"ransac": cv2.RANSAC, "magsac": cv2.USAC_MAGSAC}
+_FUNDAMENTAL = {"ransac": cv2.FM_RANSAC, "magsac": cv2.USAC_MAGSAC}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +57,10 @@ class OrbFrontEnd:
     """The recipe: shrink, ORB, mutual Hamming matches, fundamental matrix by RANSAC.
 
     `size_px` is the width and height to analyse in (area average), None the full size.
-    `ransac_px` is the largest distance of an inlier from its epipolar line. The same pictures
-    give the same inliers: RANSAC starts from `seed` at every match.
+    `ransac_px` is the largest distance of an inlier from its epipolar line. With `intrinsics`, of
+    the picture before it is shrunk, an essential matrix is fitted instead. `estimator` is plain
+    RANSAC or OpenCV's USAC_MAGSAC. The same pictures give the same inliers: RANSAC starts from
+    `seed` at every match.
     """
 
     features_max: int = 2000
@@ -60,6 +68,8 @@ class OrbFrontEnd:
     ransac_px: float = 3.0
     ransac_confidence: float = 0.99
     seed: int = 0
+    estimator: Estimator = "ransac"
+    intrinsics: Intrinsics | None = None
 
     def features(self, grey: NDArray[np.uint8]) -> OrbFeatures:
         """Return the strongest features of a grey H x W picture; none is a valid answer."""
@@ -95,10 +105,33 @@ class OrbFrontEnd:
         if len(points_a) < MINIMUM_MATCHES:
             return np.zeros(len(points_a), np.bool_)
         cv2.setRNGSeed(self.seed)
-        fit: tuple[Any, Any] = cv2.findFundamentalMat(
-            points_a, points_b, cv2.FM_RANSAC, self.ransac_px, self.ransac_confidence
-        )
-        mask = fit[1]
+        mask = self._fit(points_a, points_b)[1]
         if mask is None:
             return np.zeros(len(points_a), np.bool_)
         return np.asarray(mask).ravel().astype(np.bool_)
+
+    def _fit(self, points_a: NDArray[np.float32], points_b: NDArray[np.float32]) -> tuple[Any, Any]:
+        limits = (self.ransac_px, self.ransac_confidence)
+        if self.intrinsics is None:
+            method = _FUNDAMENTAL[self.estimator]
+            return cv2.findFundamentalMat(points_a, points_b, method, *limits)
+        return cv2.findEssentialMat(
+            points_a,
+            points_b,
+            self._analysed_matrix(self.intrinsics),
+            method=_ESSENTIAL[self.estimator],
+            prob=self.ransac_confidence,
+            threshold=self.ransac_px,
+        )
+
+    def _analysed_matrix(self, lens: Intrinsics) -> NDArray[np.float64]:
+        """Return the 3 x 3 of the picture that is analysed; pixel centres keep their places."""
+        width_px, height_px = self.size_px or (lens.width_px, lens.height_px)
+        across, down = width_px / lens.width_px, height_px / lens.height_px
+        return np.array(
+            [
+                [lens.fx_px * across, 0.0, (lens.cx_px + 0.5) * across - 0.5],
+                [0.0, lens.fy_px * down, (lens.cy_px + 0.5) * down - 0.5],
+                [0.0, 0.0, 1.0],
+            ]
+        )
