@@ -22,7 +22,7 @@ from rig.core.types import (
     Pair,
     Side,
 )
-from rig.core.units import NS_PER_S
+from rig.core.units import NS_PER_S, us_to_ns
 
 GRAB_MARGIN_S = 1.0
 """Time beyond the longest exposure after which a frame is not coming any more."""
@@ -103,6 +103,16 @@ def _paired(frames: Pair[Frame | Lost]) -> PairShot:
         causes = [frame.cause for frame in frames if isinstance(frame, Lost)]
         return PairShot(frames, None, "; ".join(dict.fromkeys(causes)))
     offset_ns = secondary.device_time_ns - primary.device_time_ns
-    if abs(offset_ns) > MAX_PAIR_OFFSET_NS:
-        return PairShot(frames, offset_ns, "exposures did not begin together")
-    return PairShot(frames, offset_ns, "")
+    return PairShot(frames, offset_ns, _why_apart(primary, offset_ns))
+
+
+def _why_apart(primary: Frame, offset_ns: int) -> str:
+    """Return what is wrong with the offset of two exposures; empty when they began together.
+
+    An edge that is inverted comes with the end of the primary's exposure, so the offset follows it.
+    """
+    if abs(offset_ns) <= MAX_PAIR_OFFSET_NS:
+        return ""
+    if abs(offset_ns - us_to_ns(primary.used.exposure_us)) <= MAX_PAIR_OFFSET_NS:
+        return "secondary: began as the primary's exposure ended (inverted trigger edge)"
+    return "exposures did not begin together"

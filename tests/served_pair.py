@@ -68,6 +68,10 @@ def served(plan: PairPlan) -> Iterator[Server]:
 def open_served(plan: PairPlan, scene: PlaneScene) -> AravisSource:
     """Serve a plan and open it through Aravis; closing the source ends the server."""
     running = RunningServer(plan)
+    return open_running(running, scene)
+
+
+def open_running(running: RunningServer, scene: PlaneScene) -> AravisSource:
     try:
         surroundings = Surroundings(
             "gige:sim:plane",

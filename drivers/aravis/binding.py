@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rig.core.errors import CameraError, CameraLost
 from rig.core.types import Settings
+from rig.drivers.aravis.probe import is_controlled
 from rig.drivers.aravis.ring import RING_PICTURES, Ring
 from rig.drivers.aravis.serials import same_serial
 from rig.drivers.blackfly import Value
@@ -259,6 +260,12 @@ class Opened:
         """Return whether the camera stopped listening to us."""
         return self._lost.is_set()
 
+    def still_ours(self) -> bool:
+        """Ask the camera whether this program controls it; always true where it cannot be asked."""
+        if not self._camera.is_gv_device():
+            return True
+        return bool(is_controlled(self._address()))
+
     def open_stream(self, packet_bytes: int | None) -> Stream:
         """Return the stream of pictures; call it after the size of a picture is settled."""
         aravis = library()
@@ -287,23 +294,44 @@ class Opened:
             self.stream.close()
         self.stream = None
 
-    def close(self) -> None:
+    def lose(self) -> None:
+        """Note that the camera does not listen to us any more."""
+        self._lost.set()
+
+    def close(self, *, say_goodbye: bool) -> None:
         """Let go of the camera, now and not when Python next collects its garbage.
 
         A camera that is let go later blocks whoever comes upon it: it still tells the device.
+        One that is gone is not told, and let go beside the run: both would take seconds.
         """
         self._device.disconnect(self._handler)
-        self.close_stream()
-        if self._camera.is_gv_device():
+        if say_goodbye:
+            self.close_stream()
+        if say_goodbye and self._camera.is_gv_device():
             with suppress(CameraError), translated(self.serial, "closing"):
                 self._device.leave_control()
         self.nodes.close()
-        self._camera = self._device = None
+        last = [self.stream, self._camera, self._device]
+        self.stream = self._camera = self._device = None
+        if say_goodbye:
+            last.clear()
+        else:
+            threading.Thread(target=_let_go, args=(last,), daemon=True).start()
+
+    def _address(self) -> str:
+        return str(self._device.get_device_address().get_address().to_string())
 
     def _packet_bytes(self) -> int:
-        address = self._device.get_device_address().get_address().to_string()
-        loopback = ipaddress.ip_address(address).is_loopback
+        loopback = ipaddress.ip_address(self._address()).is_loopback
         return _LOOPBACK_PACKET_BYTES if loopback else _ETHERNET_PACKET_BYTES
+
+
+def _let_go(last: list[Any]) -> None:
+    """Close a stream and drop what Aravis holds of a camera; seconds for one that is gone."""
+    stream = last[0]
+    if stream is not None:
+        stream.close()
+    last.clear()
 
 
 def open_camera(name: str) -> Opened:

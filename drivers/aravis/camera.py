@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NoReturn
 
 from rig.core.errors import CameraError, CameraLost, GrabTimeout
 from rig.core.protocols import Clock
@@ -22,6 +23,8 @@ PIXEL_FORMATS: Mapping[str, PixelFormat] = {"BayerRG8": "bayer_rggb8", "Mono8": 
 
 INTERRUPTIBLE_S = 0.2
 """The longest wait inside Aravis: Ctrl-C is heard only between waits."""
+
+_SPOILT_BY = {"timeout": "packets missing", "missing packets": "packets missing"}
 
 _EXPOSURE_TOLERANCE_US = 1.0
 _GAIN_TOLERANCE_DB = 0.1
@@ -130,13 +133,15 @@ class ArmedCamera:
         self._opened.close_stream()
 
     def close(self) -> None:
-        """Stop and let go of the camera, whatever it says."""
-        try:
-            if not self._opened.control_lost:
+        """Stop and let go of the camera, whatever it says; one that is gone is not asked."""
+        gone = self._opened.control_lost
+        if not gone:
+            try:
                 self._opened.stop()
-        except CameraError as error:
-            _LOG.debug("%s: while closing: %s", self.serial, error)
-        self._opened.close()
+            except CameraError as error:
+                _LOG.debug("%s: while closing: %s", self.serial, error)
+                gone = isinstance(error, CameraLost)
+        self._opened.close(say_goodbye=not gone)
 
     def limit_exposure(self, exposure_us_max: float) -> None:
         """Allow no exposure longer than this."""
@@ -153,6 +158,10 @@ class ArmedCamera:
         self._check_control()
         if command == self._asked and self._applied is not None:
             return self._applied
+        with self._blaming_control():
+            return self._apply(command)
+
+    def _apply(self, command: Command) -> Command:
         was_auto = isinstance(self._asked, Auto)
         self._asked = self._applied = None
         if isinstance(command, Auto):
@@ -167,7 +176,8 @@ class ArmedCamera:
     def fire(self) -> None:
         """Start one exposure by software."""
         self._check_control()
-        self._opened.nodes.execute("TriggerSoftware")
+        with self._blaming_control():
+            self._opened.nodes.execute("TriggerSoftware")
 
     def keep_clock(self) -> None:
         """Measure the camera's clock again when the last time is long ago."""
@@ -247,18 +257,20 @@ class ArmedCamera:
             sequence = self.log.sequence_of(self._fit.to_host_ns(spoiled.timestamp_ns))
             if sequence is None or sequence < self.log.count - 1:
                 return
-        cause = f"picture incomplete ({spoiled.status})"
+        cause = f"picture incomplete ({_SPOILT_BY.get(spoiled.status, spoiled.status)})"
         raise GrabTimeout(
             f"{self.serial}: {cause}: check the cable and the link's load, see rig doctor", cause
         )
 
     def _why_no_frame(self) -> str:
         """Return the cause by the counters, the same few words each time; raises CameraLost."""
+        if self.log.count == self._counted_at:
+            return "no trigger under way"
+        if not self._opened.still_ours():
+            self._lost_control()
         before, fired = self._counted, self.log.count - self._counted_at
         now = self._read_counts()
         self._counted, self._counted_at = now, self.log.count
-        if not fired:
-            return "no trigger under way"
         if _grown(before.overflows, now.overflows):
             return "dropped in the camera: its transfer queue overflowed"
         missed_exposure = _behind(before.exposures, now.exposures, fired)
@@ -322,12 +334,28 @@ class ArmedCamera:
         assert found is not None
         return found
 
+    @contextmanager
+    def _blaming_control(self) -> Iterator[None]:
+        """Turn a refusal into CameraLost when the reason is that the camera dropped us."""
+        try:
+            yield
+        except CameraLost:
+            raise
+        except CameraError:
+            if self._opened.still_ours():
+                raise
+            self._lost_control()
+
+    def _lost_control(self) -> NoReturn:
+        self._opened.lose()
+        raise CameraLost(
+            f"{self.serial}: no longer listens to this program; check the cable, the power, "
+            "and that no other program took the camera"
+        )
+
     def _check_control(self) -> None:
         if self._opened.control_lost:
-            raise CameraLost(
-                f"{self.serial}: no longer listens to this program; check the cable, the power, "
-                "and that no other program took the camera"
-            )
+            self._lost_control()
 
 
 def steps_between(last_id: int, frame_id: int) -> int:

@@ -60,6 +60,11 @@ class Imager:
         """Return whether pictures are being taken."""
         return self._camera is not None
 
+    @property
+    def software_triggers(self) -> int:
+        """Return how many software triggers, or frames of its own pace, came since the start."""
+        return self._sequence
+
     def now_ns(self) -> int:
         """Return the time of the camera's own clock."""
         return self.world.clock.now_ns() - self.epoch_ns
@@ -89,14 +94,15 @@ class Imager:
         """Return what receives the edges on one input line."""
 
         def receive(rising: bool, time_ns: int, sequence: int) -> None:
+            if rising and self.faults.lose_edges > 0:
+                self.faults.lose_edges -= 1
+                return
             if rising:
                 self._count(f"Line{line}")
             wanted = {"RisingEdge": rising, "FallingEdge": not rising}
-            if self._triggered() and self._source() == f"Line{line}":
-                if self.faults.lose_edges > 0:
-                    self.faults.lose_edges -= 1
-                elif wanted.get(self._selected("TriggerActivation"), True):
-                    self._after_delay(time_ns, sequence)
+            listens = self._triggered() and self._source() == f"Line{line}"
+            if listens and wanted.get(self._selected("TriggerActivation"), True):
+                self._after_delay(time_ns, sequence)
 
         return receive
 
@@ -260,7 +266,7 @@ class Imager:
         if self.registers.number("ChunkModeActive"):
             chunks = tuple((CHUNKS[name], values[name]) for name in self._enabled_chunks())
         return Picture(
-            block=self._sent,
+            block=self.first_id + self._sent,
             timestamp_ns=stamp_ns,
             width_px=width_px,
             height_px=height_px,
