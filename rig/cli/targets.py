@@ -14,6 +14,8 @@ def targets(
     metric: str = "hybrid",
     window: int = 4,
     alpha: float = 0.5,
+    workers: int | None = None,
+    dask: str = "",
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Find the settings to aim for at every pose of recordings (thesis eq. 4.11 to 4.13).
@@ -30,13 +32,23 @@ def targets(
         How many poses ahead the best picture may lie.
     alpha:
         Weight of feat in hybrid, 0 to 1.
+    workers:
+        How many recordings to work on at once; one a core when absent.
+    dask:
+        Address of a Dask scheduler whose workers do it instead, such as tcp://10.0.0.5:8786.
     """
+    from rig.bulk import ALONE, Workers
     from rig.models.targets import make_targets, refuse_existing
 
     refuse_existing(out)
     with terminal.progress("targets", None) as advance:
         found = make_targets(
-            recordings, metric, window, alpha, lambda _, done, total: advance(done, total)
+            recordings,
+            metric,
+            window,
+            alpha,
+            lambda _, done, total: advance(done, total),
+            Workers(workers, dask) if len(recordings) > 1 or dask else ALONE,
         )
     found.save(out)
     count = len(found.poses)
