@@ -6,12 +6,14 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bulk import ALONE, Workers, run_tasks
 from rig.core.errors import RecordingError, UsageError
 from rig.core.types import PairRecord
 from rig.models.measuring import Stretch, stretches
@@ -23,7 +25,8 @@ _ZIP_NAME_LENGTH_AT = 26
 _ZIP_HEADER_BYTES = 30
 
 Progress = Callable[[str, int, int], None]
-"""Told the recording's name, the triggers done and the triggers in all."""
+"""Told the recording's name, the triggers done and the triggers in all; from other processes, a
+recording that is done, how many are, and how many there are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +128,7 @@ def make_targets(
     window: int = 4,
     alpha: float = 0.5,
     progress: Progress | None = None,
+    workers: Workers = ALONE,
 ) -> Targets:
     """Find the targets of every pose of the recordings that has a pose after it.
 
@@ -132,27 +136,73 @@ def make_targets(
     reaches across. Raises UsageError for an unknown metric or a bad window, RecordingError for a
     recording with nothing to learn from.
     """
-    chosen, reach = find_metric(metric), Window(window, alpha)
+    find_metric(metric), Window(window, alpha)
     if not recordings:
         raise UsageError("no recordings given: name at least one to make targets from")
-    sources: list[RecordingSource] = []
+    watch = progress if workers == ALONE else None
+    work = partial(_found_in, metric, window, alpha, watch)
+    tasks = {str(path): path for path in recordings}
+    if len(tasks) < len(recordings):
+        raise UsageError("a recording is named twice: its poses would count twice")
+    found: dict[str, _Found] = {}
+    for name, each in run_tasks(work, tasks, workers):
+        found[name] = each
+        if progress is not None and watch is None:
+            progress(each.source.name, len(found), len(tasks))
+    return Targets(
+        metric,
+        window,
+        alpha,
+        tuple(found[name].source for name in tasks),
+        _joined([found[name] for name in tasks]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The poses of one recording, a `Poses` a drive, counted from 0."""
+
+    source: RecordingSource
+    drives: list[Poses]
+
+
+def _found_in(
+    metric: str, window: int, alpha: float, progress: Progress | None, path: Path
+) -> _Found:
+    """Find the targets of one recording; raises RecordingError when there are none."""
+    chosen, reach = find_metric(metric), Window(window, alpha)
+    source, records = _open(path, progress)
+    drives = [
+        _with_targets(stretch, chosen, reach, drive)
+        for drive, stretch in enumerate(stretches(records, chosen))
+    ]
+    if not drives:
+        raise RecordingError(
+            f"{path}: no two complete pairs follow each other, so no pose has a target; "
+            "`rig verify` tells what was lost"
+        )
+    return _Found(source, drives)
+
+
+def _joined(found: Sequence[_Found]) -> Poses:
+    """Put the poses of all recordings behind each other, recordings and drives counted on."""
     drives: list[Poses] = []
-    for index, path in enumerate(recordings):
-        source, records = _open(path, progress)
+    for index, each in enumerate(found):
         before = len(drives)
-        for stretch in stretches(records, chosen):
-            drives.append(_with_targets(stretch, chosen, reach, index, len(drives)))
-        if len(drives) == before:
-            raise RecordingError(
-                f"{path}: no two complete pairs follow each other, so no pose has a target; "
-                "`rig verify` tells what was lost"
+        drives += [
+            replace(
+                poses,
+                recording=np.full(len(poses), index, np.int64),
+                drive=poses.drive + before,
             )
-        sources.append(source)
-    joined = {
-        field.name: np.concatenate([getattr(drive, field.name) for drive in drives])
-        for field in fields(Poses)
-    }
-    return Targets(metric, window, alpha, tuple(sources), Poses(**joined))
+            for poses in each.drives
+        ]
+    return Poses(
+        **{
+            field.name: np.concatenate([getattr(drive, field.name) for drive in drives])
+            for field in fields(Poses)
+        }
+    )
 
 
 def _open(path: Path, progress: Progress | None) -> tuple[RecordingSource, Iterator[PairRecord]]:
@@ -195,9 +245,7 @@ def _watched(
             progress(name, done, count)
 
 
-def _with_targets(
-    stretch: Stretch, metric: TargetMetric, window: Window, recording: int, drive: int
-) -> Poses:
+def _with_targets(stretch: Stretch, metric: TargetMetric, window: Window, drive: int) -> Poses:
     """Return all poses of a stretch but the last, which has nothing after it to aim for."""
     best = metric.choose(stretch.drive, window)
     n = len(best)
@@ -209,7 +257,7 @@ def _with_targets(
         target_gain_db=best[:, 1],
         trigger=stretch.trigger[:n],
         pose_index=stretch.pose_index[:n],
-        recording=np.full(n, recording, np.int64),
+        recording=np.zeros(n, np.int64),
         drive=np.full(n, drive, np.int64),
     )
 

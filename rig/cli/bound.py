@@ -18,6 +18,7 @@ def bound(
     exposures: int = 10,
     gains: int = 5,
     processes: int | None = None,
+    dask: str = "",
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Work out the best median and minimum of inliers that any controller could reach.
@@ -38,6 +39,8 @@ def bound(
         Gains to try with each of them, at least 4.
     processes:
         How many to work in; one a core when absent.
+    dask:
+        Address of a Dask scheduler whose workers do it instead, such as tcp://10.0.0.5:8786.
     """
     from rig.experiments.bound import find_bound
 
@@ -48,6 +51,7 @@ def bound(
             frames=frames,
             grid=(exposures, gains),
             processes=processes,
+            dask=dask,
             progress=advance,
         )
     best = found.best_constant

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rig.bulk import Workers, run_tasks
 from rig.cli.exits import OK
 from rig.cli.judge import judge, table
 from rig.cli.options import make_folder
@@ -16,7 +18,7 @@ from rig.evaluation.aggregate import aggregate
 from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures
-from rig.evaluation.summary import RACE_SIDES, Summary
+from rig.evaluation.summary import RACE_SIDES, Summary, summarise
 from rig.record.reader import open_recording
 
 FRONT_END_TITLES = {"orb": "ORB", "viso2": "viso2-style"}
@@ -28,6 +30,8 @@ def evaluate(
     front_end: str = "orb",
     step: int = 1,
     trajectories: Path | None = None,
+    workers: int | None = None,
+    dask: str = "",
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Judge recordings by a visual-odometry front end and rank the controllers that drove them.
@@ -46,6 +50,10 @@ def evaluate(
         Take every n-th picture of a video or a folder.
     trajectories:
         Folder to make, for the ways that viso2 told and the true ones, as TUM files.
+    workers:
+        How many recordings to judge at once; one a core when absent.
+    dask:
+        Address of a Dask scheduler whose workers do it instead, such as tcp://10.0.0.5:8786.
     """
     if not recordings:
         raise UsageError("nothing to evaluate: name a recording, a video, or a folder of pictures")
@@ -58,7 +66,7 @@ def evaluate(
         make_folder(trajectories)
     runs = [path for path in recordings if is_recording(path)]
     films = [path for path in recordings if not is_recording(path)]
-    judged = [judge(open_recording(path), terminal, front_ends) for path in runs]
+    judged = judge_runs(runs, front_end, Workers(workers, dask), terminal)
     if trajectories is not None:
         for path, summary in zip(runs, judged, strict=True):
             write_ways(trajectories, path, summary)
@@ -67,6 +75,27 @@ def evaluate(
     values = aggregate(summaries) | ({"pictures": pictures} if pictures else {})
     terminal.result(words(values), values)
     return OK
+
+
+def judge_runs(
+    runs: list[Path], front_end: str, workers: Workers, terminal: Terminal
+) -> list[Summary]:
+    """Judge recordings side by side, in their order; a single one shows its triggers go by."""
+    if len(runs) < 2 and not workers.dask:
+        front_ends = parse_front_ends(front_end)
+        return [judge(open_recording(path), terminal, front_ends) for path in runs]
+    tasks = {f"{number}: {path}": path for number, path in enumerate(runs, start=1)}
+    found: dict[str, Summary] = {}
+    with terminal.progress("judging recordings", len(tasks)) as advance:
+        for name, summary in run_tasks(partial(judge_run, front_end), tasks, workers):
+            found[name] = summary
+            advance(len(found))
+    return [found[name] for name in tasks]
+
+
+def judge_run(front_end: str, path: Path) -> Summary:
+    """Judge one recording, in whatever process."""
+    return summarise(open_recording(path), parse_front_ends(front_end))
 
 
 def write_ways(folder: Path, run: Path, summary: Summary) -> None:

@@ -20,13 +20,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bulk import Workers, run_tasks
 from rig.core.errors import UsageError
 from rig.core.types import Settings
 from rig.drivers.registry import Address, open_source, parse_address
 from rig.drivers.scenes.cache import cache_folder, cached
 from rig.drivers.simulated.source import SimulatedSource
 from rig.experiments.sweeps import Bench, Counts, SettingsGrid, settings_grid
-from rig.models.workers import in_processes, process_count
+from rig.models.workers import process_count
 
 WARM_UP_PAIRS = 10
 """Pairs that are recorded but not counted."""
@@ -90,12 +91,14 @@ def find_bound(
     frames: int | None = None,
     grid: tuple[int, int] = (10, 5),
     processes: int | None = None,
+    dask: str = "",
     progress: Progress | None = None,
 ) -> Bound:
     """Return the bound of the drive that `cameras` names; counts are kept in the user's cache.
 
-    `frames` is the number of triggers, the whole drive when None. Raises UsageError for cameras
-    that are not simulated, fewer than 10 x 4 settings, or a drive without counted pairs.
+    `frames` is the number of triggers, the whole drive when None; `dask` is the address of a
+    scheduler to work for instead of local `processes`. Raises UsageError for cameras that are not
+    simulated, fewer than 10 x 4 settings, or a drive without counted pairs.
     """
     if any(n < least for n, least in zip(grid, _SMALLEST_GRID, strict=True)):
         raise UsageError(
@@ -109,10 +112,12 @@ def find_bound(
     work = partial(_counted, source.address, grid, Reach())
     starts = range(first, triggers - 1, _PAIRS_A_PIECE)
     pieces = [(start, min(start + _PAIRS_A_PIECE, triggers - 1)) for start in starts]
+    tasks = {f"pairs {first} to {last - 1}": (first, last) for first, last in pieces}
+    workers = Workers(dask=dask) if dask else Workers(process_count(processes))
     done: dict[int, Counts] = {}
     report = progress or (lambda _done, _total: None)
     report(0, triggers - 1 - first)
-    for start, counts in in_processes(work, pieces, process_count(processes)):
+    for _, (start, counts) in run_tasks(work, tasks, workers):
         done[start] = counts
         report(sum(map(len, done.values())), triggers - 1 - first)
     moves = np.concatenate([done[start] for start in starts])
