@@ -43,6 +43,13 @@ def maxmi(belief: Belief, alpha: float, psi: float) -> NDArray[np.float64]:
     return np.asarray(belief.mean + np.sqrt(alpha) * learnt)
 
 
+def squared_distances(a: Points, b: Points) -> NDArray[np.float64]:
+    """Return the squared distances of M x D points to N x D ones, M x N."""
+    total = np.zeros((len(a), len(b)))
+    for axis in range(a.shape[1]):
+        total += np.subtract.outer(a[:, axis], b[:, axis]) ** 2
+    return total
+
+
 def _kernel(a: Points, b: Points, length: float) -> NDArray[np.float64]:
-    squared = ((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2)
-    return np.asarray(np.exp(-0.5 * squared / length**2))
+    return np.asarray(np.exp(-0.5 * squared_distances(a, b) / length**2))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rig.controllers.arrival import Arrival
-from rig.controllers.gaussian import Points, maxmi, posterior
+from rig.controllers.gaussian import Points, maxmi, posterior, squared_distances
 from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
 from rig.vision.bayer import to_grey
 from rig.vision.metrics import kim
@@ -126,7 +126,8 @@ class KimController:
 
     def _looked_at(self, grid: Points) -> list[int]:
         """Return the places of the grid nearest to those looked at: nothing is looked at twice."""
-        return [int(np.argmin(((grid - point) ** 2).sum(axis=1))) for point in self._points]
+        nearest = squared_distances(np.array(self._points), grid).argmin(axis=1)
+        return [int(place) for place in nearest]
 
     def _settle(self, used: Settings) -> Settings:
         """Rest where the surrogate promised most, unless a place looked at was better."""

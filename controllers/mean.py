@@ -8,6 +8,7 @@ import numpy as np
 
 from rig.controllers.split import brightness_us, check_cap, split
 from rig.core.types import THESIS_LIMITS, Command, Diagnostics, Frame, Limits, Settings
+from rig.vision.metrics import mean_dn
 
 FULL_SCALE_DN = 255.0
 STEEPEST = 8.0
@@ -46,7 +47,7 @@ class MeanController:
 
     def step(self, frame: Frame) -> Command:
         """Return settings whose picture of the same scene has the mean aimed for."""
-        self._mean_dn = float(frame.image.mean())
+        self._mean_dn = mean_dn(frame.image)
         target_dn = self.percent / 100 * FULL_SCALE_DN
         factor = correction(self._mean_dn, target_dn)
         if factor == 1:

@@ -17,7 +17,7 @@ from rig.controllers.registry import NamedController
 from rig.core.errors import UsageError
 from rig.core.types import THESIS_LIMITS, Frame, Settings
 from rig.core.units import NS_PER_S
-from rig.drivers.registry import open_source
+from rig.drivers.registry import open_source, parse_address
 from rig.drivers.scenes.scene import View
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.program import ExposureProgram
@@ -95,9 +95,10 @@ def run_solo(
     `frames` None is the whole drive. Raises UsageError for an address that is no simulation in
     this process.
     """
+    if parse_address(address).scheme != "sim":
+        raise UsageError(f"{address}: only a sim: address can be driven by one controller")
     with closing(open_source(address, seed=seed)) as source:
-        if not isinstance(source, SimulatedSource):
-            raise UsageError(f"{address}: only a sim: address can be driven by one controller")
+        assert isinstance(source, SimulatedSource)
         lens = source.scene.intrinsics("primary")
         sensor = Sensor(source.drive.model, (lens.height_px, lens.width_px), seed=0)
         seats = [_Seat(named, source) for named in controllers]
