@@ -47,10 +47,8 @@ def judge(
         return summarise(Watched(recording, advance), front_ends)
 
 
-def publish(
-    folder: Path, terminal: Terminal, front_ends: FrontEnds = DEFAULT_FRONT_ENDS
-) -> Summary:
-    """Judge the recording in `folder` and write its summary.json and report.html."""
+def publish(folder: Path, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
+    """Judge the recording in `folder` by every front end and write its summary.json and report.html."""
     recording = open_recording(folder)
     summary = judge(recording, terminal, front_ends)
     values = json.dumps(summary.as_json(), indent=2)
