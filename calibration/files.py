@@ -125,6 +125,11 @@ def _check_lens(lens: LensCalibration, stated: Intrinsics, where: str) -> None:
         )
 
 
+def today() -> datetime.date:
+    """Return the day, in UTC, that a calibration made now carries."""
+    return datetime.datetime.now(datetime.UTC).date()
+
+
 def of_fit(fit: RigFit, serials: Pair[str], lens: str, today: datetime.date) -> Calibration:
     """Return the calibration that a fit comes to."""
     return Calibration(

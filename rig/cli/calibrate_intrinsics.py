@@ -8,15 +8,15 @@ from pathlib import Path
 
 from rig.calibration.board import Board, parse_board
 from rig.calibration.export import kalibr_camchain, ros_camera_info
-from rig.calibration.files import of_fit
+from rig.calibration.files import of_fit, today
 from rig.calibration.intrinsics import RigFit, fit_rig
 from rig.calibration.pairs import GreyPair, count_in_folder, of_folder, of_recording
 from rig.calibration.plots import residual_plot
 from rig.calibration.views import ViewCollection
-from rig.cli.calibration import DEFAULT_CALIBRATION, CalibrationOptions, store, tell, today
+from rig.cli.calibration import DEFAULT_CALIBRATION, CalibrationOptions, store, tell
 from rig.cli.drive import announce
 from rig.cli.interrupt import stop_on_signal
-from rig.cli.options import make_folder, run_folder
+from rig.cli.options import chosen_cameras, make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import CalibrationError, RigError
 from rig.core.protocols import Source
@@ -78,7 +78,7 @@ def look_live(
     board: Board, options: CalibrationOptions, terminal: Terminal
 ) -> tuple[Pair[str], ViewCollection]:
     """Watch the cameras until there are enough views of everything."""
-    address = options.cameras or DEFAULT_CAMERAS
+    address = chosen_cameras(options.cameras, DEFAULT_CAMERAS)
     with (
         closing(open_source(address, seed=options.seed, split="test")) as source,
         stop_on_signal() as stop,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,11 +37,6 @@ class CalibrationOptions:
 
 
 DEFAULT_CALIBRATION = CalibrationOptions()
-
-
-def today() -> datetime.date:
-    """Return the day that a calibration made now carries."""
-    return datetime.datetime.now(datetime.UTC).date()
 
 
 def earlier(options: CalibrationOptions) -> Calibration | None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from contextlib import closing
 from typing import Literal
 
+from rig.cli.attach import calibration_for
 from rig.cli.drive import make_header, record_drive
 from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
 from rig.cli.race import contestant
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+from rig.cli.web import DEFAULT_WEB, WebOptions
 from rig.controllers.perturb import make_perturbation
 from rig.controllers.policies import CollectPolicy
 from rig.core.clock import SystemClock
@@ -21,6 +23,7 @@ def collect(
     perturb: Literal["cycle", "intensity", "none"] = "cycle",
     leader: str = "aeag",
     run: RunOptions = DEFAULT_RUN,
+    web: WebOptions = DEFAULT_WEB,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Record a training drive: a leader on the primary, perturbed settings on the secondary.
@@ -44,9 +47,10 @@ def collect(
             Pair(*policy.names),
             options=options | {"perturb": perturb},
             models={},
+            calibration=calibration_for(source, run.calibration, terminal),
         )
         make_folder(folder)
-        drive = record_drive(source, policy, header, folder, run.frames, terminal)
+        drive = record_drive(source, policy, header, folder, run.frames, terminal, web)
     count = f"{drive.run.complete} of {drive.run.triggers} pairs complete"
     terminal.result(f"{count}: {folder}", {"file": str(folder), "pairs": drive.run.complete})
     return drive.exit_code

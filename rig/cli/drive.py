@@ -10,6 +10,7 @@ from rig.cli.exits import INTERRUPTED, LOSSES, OK
 from rig.cli.interrupt import StopRequest, stop_on_signal
 from rig.cli.provenance import command_line, git_commit, versions
 from rig.cli.terminal import Advance, Terminal
+from rig.cli.web import DEFAULT_WEB, WebOptions, watched
 from rig.core.errors import RecordingError
 from rig.core.protocols import PairPolicy, Source
 from rig.core.types import THESIS_LIMITS, Pair
@@ -43,6 +44,7 @@ def record_drive(
     folder: Path,
     frames: int | None,
     terminal: Terminal,
+    web: WebOptions = DEFAULT_WEB,
 ) -> Drive:
     """Drive `source` by `policy` for `frames` triggers, or to its end, into `folder`."""
     triggers = frames if frames is not None else source.drive_triggers
@@ -53,8 +55,9 @@ def record_drive(
         stop_on_signal() as stop,
         RecordWriter(folder, header, real_time=source.real_time, expected=expected) as recorder,
         terminal.progress("driving", triggers) as advance,
+        watched(recorder, web, terminal, folder, triggers) as watching,
     ):
-        run = run_pair(source, policy, recorder, until(triggers, stop, advance))
+        run = run_pair(source, policy, watching, until(triggers, stop, advance))
     return Drive(folder, run, stop.requested)
 
 
@@ -94,6 +97,7 @@ def make_header(
     controllers: Pair[str],
     options: Mapping[str, str],
     models: Mapping[str, str],
+    calibration: str = "",
 ) -> RunHeader:
     """Return what the recording says about itself before its first frame."""
     primary, secondary = source.cameras
@@ -110,4 +114,5 @@ def make_header(
         controllers=controllers,
         options={**options, **limit_options(limits)},
         models=models,
+        calibration=calibration,
     )

@@ -26,6 +26,8 @@ class RunOptions:
     """Seeds the world, the noise and the controllers."""
     out: Path | None = None
     """Folder to make; runs/<time>-<command> when absent."""
+    calibration: Path | None = None
+    """Calibration to attach; calibration.toml of the current folder when absent."""
 
 
 DEFAULT_RUN = RunOptions()

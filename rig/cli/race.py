@@ -10,6 +10,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from rig.cli.attach import calibration_for
 from rig.cli.drive import make_header, record_drive
 from rig.cli.evaluate import words
 from rig.cli.exits import INTERRUPTED
@@ -17,6 +18,7 @@ from rig.cli.judge import REPORT, publish, tell
 from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
 from rig.cli.provenance import file_sha256
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+from rig.cli.web import DEFAULT_WEB, WebOptions
 from rig.controllers.policies import RacePolicy
 from rig.controllers.registry import NamedController, make_controller
 from rig.core.clock import SystemClock
@@ -36,6 +38,7 @@ def race(
     swap: Annotated[bool, Parameter(negative="")] = False,
     seeds: str | None = None,
     run: RunOptions = DEFAULT_RUN,
+    web: WebOptions = DEFAULT_WEB,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Drive each camera by its own controller, record, judge, and report.
@@ -54,8 +57,8 @@ def race(
     wiring = (right, left) if swap else (left, right)
     folder = run_folder(run.out, "race")
     if seeds is not None:
-        return race_seeds(wiring, swap, parse_seeds(seeds), run, folder, terminal)
-    raced = race_once(wiring, swap, run, folder, terminal)
+        return race_seeds(wiring, swap, parse_seeds(seeds), run, folder, terminal, web)
+    raced = race_once(wiring, swap, run, folder, terminal, web)
     tell(folder, raced.summary, terminal)
     return raced.exit_code
 
@@ -67,12 +70,13 @@ def race_seeds(
     run: RunOptions,
     folder: Path,
     terminal: Terminal,
+    web: WebOptions,
 ) -> int:
     """Race once a seed, each into its own folder, and write what they come to together."""
     summaries, codes = [], []
     for seed in seeds:
         terminal.say(f"seed {seed}:")
-        raced = race_once(wiring, swap, replace(run, seed=seed), folder / f"{seed}", terminal)
+        raced = race_once(wiring, swap, replace(run, seed=seed), folder / f"{seed}", terminal, web)
         summaries.append(raced.summary.as_json())
         codes.append(raced.exit_code)
         if raced.exit_code == INTERRUPTED:
@@ -84,7 +88,12 @@ def race_seeds(
 
 
 def race_once(
-    wiring: tuple[str, str], swap: bool, run: RunOptions, folder: Path, terminal: Terminal
+    wiring: tuple[str, str],
+    swap: bool,
+    run: RunOptions,
+    folder: Path,
+    terminal: Terminal,
+    web: WebOptions,
 ) -> Raced:
     """Drive once and publish the run in `folder`; `wiring` is (primary, secondary)."""
     primary, secondary = (contestant(spec, run.seed) for spec in wiring)
@@ -96,10 +105,11 @@ def race_once(
             Pair(primary.name, secondary.name),
             options=race_options(wired, swap),
             models=used_models(wired),
+            calibration=calibration_for(source, run.calibration, terminal),
         )
         make_folder(folder)
         policy = RacePolicy(primary, secondary, SystemClock())
-        drive = record_drive(source, policy, header, folder, run.frames, terminal)
+        drive = record_drive(source, policy, header, folder, run.frames, terminal, web)
     return Raced(publish(folder, terminal), drive.exit_code)
 
 

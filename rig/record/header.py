@@ -14,7 +14,7 @@ SCHEMA = "rig.recording/1"
 RUN, VERSIONS, MODELS = "rig.run", "rig.versions", "rig.models"
 PART, NEXT, RECOVERY = "rig.part", "rig.next", "rig.recovery"
 """Where a later file of a run begins, which file goes on, and that the end of one was lost."""
-OPTIONS = "options.json"
+OPTIONS, CALIBRATION = "options.json", "calibration.toml"
 _HASH = "header_hash"
 _CAMERA = "rig.camera.{}"
 
@@ -25,6 +25,7 @@ class RunHeader:
 
     `cameras` is the resolved address, `world_version` is empty for real cameras, `controllers`
     are names, `options` holds every resolved option and `models` the SHA-256 of each network.
+    `calibration` is the text of the cameras' calibration.toml, empty without one.
     """
 
     command: str
@@ -38,6 +39,7 @@ class RunHeader:
     controllers: Pair[str]
     options: Mapping[str, str]
     models: Mapping[str, str]
+    calibration: str = ""
 
 
 def to_metadata(header: RunHeader) -> dict[str, dict[str, str]]:
@@ -77,7 +79,9 @@ def _parts(header: RunHeader) -> dict[str, dict[str, str]]:
 
 def to_attachments(header: RunHeader) -> dict[str, bytes]:
     """Return the MCAP attachments of a header, by name."""
-    return {OPTIONS: json.dumps(dict(header.options), indent=2, sort_keys=True).encode()}
+    options = json.dumps(dict(header.options), indent=2, sort_keys=True).encode()
+    calibration = {CALIBRATION: header.calibration.encode()} if header.calibration else {}
+    return {OPTIONS: options, **calibration}
 
 
 NEEDED = frozenset({*map(_CAMERA.format, SIDES), VERSIONS, MODELS, RUN, OPTIONS})
@@ -110,6 +114,7 @@ def from_parts(
         controllers=Pair(*(camera["controller"] for camera in cameras)),
         options={str(name): str(value) for name, value in options.items()},
         models=dict(metadata[MODELS]),
+        calibration=attachments.get(CALIBRATION, b"").decode(),
     )
     if run[_HASH] != f"{header_hash(header):016x}":
         raise ValueError("what the run says about itself was changed")

@@ -1,0 +1,92 @@
+"""A recording as a camera without lens distortion would have taken it."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from rig.calibration.files import check_calibration
+from rig.config import LensCalibration, parse_calibration
+from rig.core.errors import CalibrationError
+from rig.core.types import Frame, Intrinsics, Lost, Pair, PairRecord
+from rig.record.header import RunHeader
+from rig.vision.bayer import to_grey
+from rig.vision.undistort import Undistorter, scaled
+
+
+class Recorded(Protocol):
+    """What can be undistorted: a header and its records."""
+
+    @property
+    def header(self) -> RunHeader:
+        """Return what the run was."""
+        ...
+
+    def records(self) -> Iterator[PairRecord]:
+        """Return the records in order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Undistorted:
+    """Wraps a recording: grey, undistorted frames, and the calibrated intrinsics."""
+
+    recording: Recorded
+    header: RunHeader
+    lenses: Pair[Undistorter]
+
+    def records(self) -> Iterator[PairRecord]:
+        """Return the records in order."""
+        for record in self.recording.records():
+            shot = Pair(
+                *(_flat(shot, lens) for shot, lens in zip(record.shot, self.lenses, strict=True))
+            )
+            yield dataclasses.replace(record, shot=shot)
+
+
+def undistorted(
+    recording: Recorded, file: str, taken: datetime.date
+) -> tuple[Undistorted, list[str]]:
+    """Return the recording undistorted by its own calibration, and warnings about that.
+
+    Raises CalibrationError when none is attached, it has no intrinsics, or it is not of these
+    cameras; `taken` is the day of the recording.
+    """
+    header = recording.header
+    if not header.calibration:
+        raise CalibrationError(
+            f"{file}: no calibration is attached, so nothing can be undistorted; record with "
+            "--calibration FILE, or judge without --undistort"
+        )
+    found = parse_calibration(header.calibration.encode(), f"{file}: calibration.toml")
+    warnings = check_calibration(found, header.serials, header.intrinsics, taken, file)
+    lenses = []
+    for side, lens, stated in zip(
+        ("primary", "secondary"), (found.primary, found.secondary), header.intrinsics, strict=True
+    ):
+        if lens is None:
+            raise CalibrationError(
+                f"{file}: the calibration has no intrinsics of the {side} camera; "
+                "run rig calibrate-intrinsics first"
+            )
+        lenses.append(Undistorter(_intrinsics(lens, stated), lens.distortion))
+    both = Pair(*lenses)
+    flat = dataclasses.replace(header, intrinsics=Pair(*(lens.lens for lens in both)))
+    return Undistorted(recording, flat, both), warnings
+
+
+def _intrinsics(lens: LensCalibration, stated: Intrinsics) -> Intrinsics:
+    whole = Intrinsics(
+        lens.width_px, lens.height_px, lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px
+    )
+    return scaled(whole, stated.width_px, stated.height_px)
+
+
+def _flat(shot: Frame | Lost, lens: Undistorter) -> Frame | Lost:
+    if isinstance(shot, Lost):
+        return shot
+    grey = lens.apply(to_grey(shot.image, shot.pixel_format))
+    return dataclasses.replace(shot, image=grey, pixel_format="mono8")

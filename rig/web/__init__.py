@@ -1,0 +1,1 @@
+"""The live page: a watcher that never holds up what it watches."""
