@@ -24,7 +24,7 @@ class TrainingResult:
     card: Path
     recipe: Recipe
     files: tuple[tuple[Path, Targets], ...]
-    split: Split
+    split: Split[RecordingSource]
     training_samples: int
     validation_samples: int
     history: tuple[EpochLoss, ...]

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import onnx
@@ -67,32 +68,57 @@ def export_network(
     the size, the arithmetic stays float32. Raises ModelError when the answers differ by more
     than 1e-5 (2e-3 for half-precision weights) or vary by less than 0.01 over the samples.
     """
-    images, settings = samples.images.astype(np.float32) / np.float32(255), samples.settings
-    expected = _answers_of_torch(network, images, settings)
-    model = _to_onnx(network)
-    answers = _answers_of_onnx(model, images, settings)
+    return write_proven(
+        network,
+        _DrivingNetwork(network),
+        out,
+        Proof(samples.images.astype(np.float32) / np.float32(255), samples.settings),
+        {"net": net, "training_sha256": training_sha256, "seed": str(seed), "input": INPUT},
+        limits=limits,
+        half=half,
+    )
+
+
+class Proof(NamedTuple):
+    """Inputs on which a file must answer as the trained network does, float32, N samples."""
+
+    images: NDArray[np.float32]
+    settings: NDArray[np.float32]
+
+
+def write_proven(
+    trained: nn.Module,
+    driving: nn.Module,
+    out: Path,
+    proof: Proof,
+    properties: Mapping[str, str],
+    *,
+    limits: Limits = THESIS_LIMITS,
+    half: bool = False,
+) -> Parity:
+    """Write `driving`, the `trained` network in the form that drives, after proving them equal.
+
+    `properties` join the metadata. Raises ModelError as `export_network` does.
+    """
+    expected = _answers_of_torch(trained, proof)
+    model = _to_onnx(driving, proof)
+    answers = _answers_of_onnx(model, proof)
     parity = Parity(float(np.abs(answers - expected).max()), 0.0, float(np.ptp(answers, 0).max()))
     if half:
         model = _with_half_weights(model)
-        rounded = _answers_of_onnx(model, images, settings)
+        rounded = _answers_of_onnx(model, proof)
         parity = Parity(parity.difference, float(np.abs(rounded - answers).max()), parity.spread)
     _require_proof(parity, out)
-    onnx.helper.set_model_props(
-        model,
-        {
-            "schema": SCHEMA,
-            "net": net,
-            "exposure_us_lo": str(limits.exposure_us[0]),
-            "exposure_us_hi": str(limits.exposure_us[1]),
-            "gain_db_lo": str(limits.gain_db[0]),
-            "gain_db_hi": str(limits.gain_db[1]),
-            "frames": str(FRAMES),
-            "training_sha256": training_sha256,
-            "seed": str(seed),
-            "licence": LICENCE,
-            "input": INPUT,
-        },
-    )
+    metadata = {
+        "schema": SCHEMA,
+        "exposure_us_lo": str(limits.exposure_us[0]),
+        "exposure_us_hi": str(limits.exposure_us[1]),
+        "gain_db_lo": str(limits.gain_db[0]),
+        "gain_db_hi": str(limits.gain_db[1]),
+        "frames": str(FRAMES),
+        "licence": LICENCE,
+    }
+    onnx.helper.set_model_props(model, metadata | dict(properties))
     out.parent.mkdir(parents=True, exist_ok=True)
     unfinished = out.with_name(out.name + ".part")
     unfinished.write_bytes(model.SerializeToString(deterministic=True))
@@ -124,12 +150,12 @@ class _DrivingNetwork(nn.Module):
         return next_settings
 
 
-def _to_onnx(network: ExposureNetwork) -> onnx.ModelProto:
-    example = (torch.zeros(2, 3 * FRAMES, 224, 224), torch.zeros(2, 2 * FRAMES))
+def _to_onnx(network: nn.Module, proof: Proof) -> onnx.ModelProto:
+    example = tuple(torch.zeros(2, *values.shape[1:]) for values in proof)
     batch = torch.export.Dim("batch")
     with _quiet_exporter():
         program = torch.onnx.export(
-            _DrivingNetwork(network).cpu().eval(),
+            network.cpu().eval(),
             example,
             dynamo=True,
             external_data=False,
@@ -183,26 +209,20 @@ def _with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     return halved
 
 
-def _answers_of_torch(
-    network: ExposureNetwork, images: NDArray[np.float32], settings: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _answers_of_torch(network: nn.Module, proof: Proof) -> NDArray[np.float32]:
     network.eval()
     device = next(network.parameters()).device
     with torch.inference_mode():
-        answers = network(
-            torch.from_numpy(images).to(device), torch.from_numpy(settings).to(device)
-        )
+        answers = network(*(torch.from_numpy(values).to(device) for values in proof))
     return np.asarray(answers.cpu().numpy(), np.float32)
 
 
-def _answers_of_onnx(
-    model: onnx.ModelProto, images: NDArray[np.float32], settings: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _answers_of_onnx(model: onnx.ModelProto, proof: Proof) -> NDArray[np.float32]:
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]
     )
-    answers = session.run(["next_settings"], {"images": images, "settings": settings})
-    return np.asarray(answers[0], np.float32)
+    inputs = {"images": proof.images, "settings": proof.settings}
+    return np.asarray(session.run(["next_settings"], inputs)[0], np.float32)
 
 
 def _require_proof(parity: Parity, out: Path) -> None:

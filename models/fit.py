@@ -8,7 +8,7 @@ import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -181,8 +181,20 @@ class Fit:
         return exposure_loss(answers.float(), torch.from_numpy(batch.targets).to(self._device))
 
 
+class Resumable(Protocol):
+    """A training whose state can be kept."""
+
+    def state(self) -> dict[str, Any]:
+        """Return tensors, numbers and words that say where it stands."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from there."""
+        ...
+
+
 class Checkpoint:
-    """A file that holds one training's state after its last whole epoch.
+    """A file that holds one training's state after its last whole epoch or stage.
 
     `identity` says which recipe and data it belongs to.
     """
@@ -191,13 +203,13 @@ class Checkpoint:
         self._path = path
         self._identity = identity
 
-    def save(self, fit: Fit) -> None:
+    def save(self, fit: Resumable) -> None:
         """Replace the file by the present state."""
         unfinished = self._path.with_name(self._path.name + ".part")
         torch.save({"identity": self._identity, "state": fit.state()}, unfinished)
         unfinished.replace(self._path)
 
-    def resume(self, fit: Fit) -> None:
+    def resume(self, fit: Resumable) -> None:
         """Bring a fresh training to the state in the file, if there is one.
 
         Raises ModelError when the file belongs to another training or cannot be read.

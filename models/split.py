@@ -5,25 +5,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import Generic, Protocol, TypeVar
 from urllib.parse import parse_qs
 
 import numpy as np
 
 from rig.core.errors import UsageError
-from rig.models.targets import RecordingSource
 
 WORLDS_PER_HELD_BACK = 5
 
 
+class Origin(Protocol):
+    """Where training data came from: a name for people, a digest, and the cameras' address."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def sha256(self) -> str: ...  # noqa: D102
+
+    @property
+    def cameras(self) -> str: ...  # noqa: D102
+
+
+From = TypeVar("From", bound=Origin)
+
+
 @dataclass(frozen=True, slots=True)
-class Split:
+class Split(Generic[From]):
     """The recordings of both sides; no world is on both unless a person held it back by name."""
 
-    training: tuple[RecordingSource, ...]
-    held_back: tuple[RecordingSource, ...]
+    training: tuple[From, ...]
+    held_back: tuple[From, ...]
 
 
-def hold_back(recordings: Sequence[RecordingSource], names: Sequence[str], seed: int) -> Split:
+def hold_back(recordings: Sequence[From], names: Sequence[str], seed: int) -> Split[From]:
     """Hold back the named recordings, or one world in five, at least one, drawn by `seed`.
 
     Of a single world nothing is held back. Raises UsageError for an unknown name and when nothing
@@ -39,7 +55,7 @@ def hold_back(recordings: Sequence[RecordingSource], names: Sequence[str], seed:
     return split
 
 
-def world_of(recording: RecordingSource) -> str:
+def world_of(recording: Origin) -> str:
     """Return what two recordings of one simulated world share; a real drive is its own world."""
     scene, _, query = recording.cameras.partition("?")
     options = parse_qs(query)
@@ -48,7 +64,7 @@ def world_of(recording: RecordingSource) -> str:
     return f"{scene}?split={options.get('split', [''])[0]}&seed={options['seed'][0]}"
 
 
-def _by_name(recordings: Sequence[RecordingSource], names: Sequence[str]) -> frozenset[str]:
+def _by_name(recordings: Sequence[Origin], names: Sequence[str]) -> frozenset[str]:
     known = {recording.name for recording in recordings}
     for name in names:
         if name not in known:
@@ -58,7 +74,7 @@ def _by_name(recordings: Sequence[RecordingSource], names: Sequence[str]) -> fro
     return frozenset(recording.sha256 for recording in recordings if recording.name in names)
 
 
-def _by_world(recordings: Sequence[RecordingSource], seed: int) -> frozenset[str]:
+def _by_world(recordings: Sequence[Origin], seed: int) -> frozenset[str]:
     worlds = sorted({world_of(recording) for recording in recordings})
     if len(worlds) < 2:
         return frozenset()

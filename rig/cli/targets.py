@@ -5,15 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.cli.exits import OK
+from rig.cli.race import parse_seeds
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+from rig.core.errors import UsageError
+
+PATH = "path"
 
 
 def targets(
-    *recordings: Path,
+    *recordings: str,
     out: Path,
     metric: str = "hybrid",
     window: int = 4,
     alpha: float = 0.5,
+    seeds: str | None = None,
+    frames: int | None = None,
+    processes: int | None = None,
     workers: int | None = None,
     dask: str = "",
     terminal: Terminal = DEFAULT_TERMINAL,
@@ -23,15 +30,21 @@ def targets(
     Parameters
     ----------
     recordings:
-        Folders or files that `rig collect` wrote.
+        Folders or files that `rig collect` wrote; for path, simulated cameras as well.
     out:
         The target file to write.
     metric:
-        feat, grid, or hybrid of both.
+        feat, grid, hybrid of both, or path: the best path over all settings of a drive.
     window:
         How many poses ahead the best picture may lie.
     alpha:
         Weight of feat in hybrid, 0 to 1.
+    seeds:
+        The worlds of simulated cameras, such as 1-12; with path only.
+    frames:
+        Poses of each simulated drive, the whole drive when absent; with path only.
+    processes:
+        How many to work in, one a core when absent; with path only.
     workers:
         How many recordings to work on at once; one a core when absent.
     dask:
@@ -41,9 +54,18 @@ def targets(
     from rig.models.targets import make_targets, refuse_existing
 
     refuse_existing(out)
+    simulated = [name for name in recordings if name.startswith("sim:")]
+    if simulated and (metric != PATH or len(simulated) < len(recordings)):
+        raise UsageError(
+            f"{simulated[0]}: simulated cameras go with --metric path, and not with recordings"
+        )
+    if simulated:
+        return _paths(_worlds(simulated, seeds), out, frames, processes, terminal)
+    if seeds is not None or frames is not None or processes is not None:
+        raise UsageError("--seeds, --frames and --processes go with simulated cameras only")
     with terminal.progress("targets", None) as advance:
         found = make_targets(
-            recordings,
+            [Path(name) for name in recordings],
             metric,
             window,
             alpha,
@@ -57,3 +79,30 @@ def targets(
         {"file": str(out), "poses": count, "recordings": len(found.recordings)},
     )
     return OK
+
+
+def _paths(
+    cameras: list[str], out: Path, frames: int | None, processes: int | None, terminal: Terminal
+) -> int:
+    from rig.models.paths import make_paths
+
+    with terminal.progress("trying settings", None) as advance:
+        found = make_paths(cameras, frames=frames, processes=processes, progress=advance)
+    found.save(out)
+    count = sum(len(drive.thumbnails) for drive in found.drives)
+    terminal.result(
+        f"{count} poses of {len(cameras)} drives, {len(found.grid)} settings each: {out}",
+        {"file": str(out), "poses": count, "recordings": len(cameras)},
+    )
+    return OK
+
+
+def _worlds(cameras: list[str], seeds: str | None) -> list[str]:
+    """Return one address a world: every address with every seed."""
+    if seeds is None:
+        return cameras
+    return [
+        f"{address}{'&' if '?' in address else '?'}seed={seed}"
+        for address in cameras
+        for seed in parse_seeds(seeds)
+    ]

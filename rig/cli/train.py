@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rig.cli.exits import OK
 from rig.cli.terminal import DEFAULT_TERMINAL, Advance, Terminal
-from rig.core.errors import RigError
+from rig.core.errors import RigError, UsageError
+from rig.models.names import SCORE_MAPS
 
 if TYPE_CHECKING:
     from rig.models.fit import TrainingProgress
+    from rig.models.pathfit import StageProgress
 
 
 def train(
     *targets: Path,
     out: Path,
     net: str = "dual-small",
-    epochs: int = 20,
-    batch_size: int = 64,
-    learning_rate: float = 1e-4,
-    patience: int = 5,
+    epochs: int | None = None,
+    steps: tuple[int, ...] = (),
+    batch_size: int | None = None,
+    learning_rate: float | None = None,
+    patience: int | None = None,
     hold_back: tuple[str, ...] = (),
     half: bool = False,
     seed: int = 0,
@@ -38,31 +41,99 @@ def train(
     out:
         The .onnx file to write; its card lies beside it.
     net:
-        dual-small or dual-large.
+        dual-small or dual-large; map-small for path targets.
+    epochs:
+        How often to pass over the samples, 20 when absent; not for map-small.
+    steps:
+        Optimiser steps of a stage of map-small, once a stage.
+    learning_rate:
+        1e-4 when absent; the highest one of map-small's first stage, 2e-3.
+    patience:
+        Epochs without a better held-back loss before it ends, 5 when absent; not for map-small.
     hold_back:
-        Recordings to validate on; one world in five when absent.
+        Recordings or worlds to validate on; one world in five when absent.
     half:
         Store the weights in half precision.
     """
+    given = {"batch_size": batch_size, "learning_rate": learning_rate}
     try:
-        from rig.models.train import train as fit
+        if net in SCORE_MAPS:
+            _refuse(net, epochs=epochs, patience=patience)
+            return _train_map(targets, net, out, steps, given, seed, hold_back, half, terminal)
+        _refuse(net, steps=steps or None)
+        given |= {"epochs": epochs, "patience": patience}
+        return _train_thesis(targets, net, out, given, seed, hold_back, half, terminal)
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
         raise RigError("rig train needs torch: pip install 'exposure-rig[train]'") from None
+
+
+def _train_map(
+    targets: tuple[Path, ...],
+    net: str,
+    out: Path,
+    steps: tuple[int, ...],
+    given: Mapping[str, float | None],
+    seed: int,
+    hold_back: tuple[str, ...],
+    half: bool,
+    terminal: Terminal,
+) -> int:
+    from rig.models.pathfit import make_recipe
+    from rig.models.pathtrain import train_paths
+
+    recipe = make_recipe(seed, steps, **_only_given(given))
+    with terminal.progress("training", sum(recipe.steps)) as advance:
+        result = train_paths(
+            targets,
+            net,
+            out,
+            recipe,
+            held_back=hold_back,
+            half=half,
+            progress=stage_reporter(recipe.steps, advance, terminal),
+        )
+    kept = result.history[result.best_stage]
+    reached = ", ".join(f"{score.median:.0f}/{score.min:.0f}" for score in kept.held_back)
+    terminal.result(
+        f"{result.model}: stage {result.best_stage + 1} of {len(result.history)}, loss "
+        f"{kept.loss:.4f}, held-back median/minimum {reached or 'none'}; card: {result.card}",
+        {
+            "file": str(result.model),
+            "card": str(result.card),
+            "best_stage": result.best_stage,
+            "history": [
+                [stage.loss, [[score.median, score.min] for score in stage.held_back]]
+                for stage in result.history
+            ],
+        },
+    )
+    return OK
+
+
+def _train_thesis(
+    targets: tuple[Path, ...],
+    net: str,
+    out: Path,
+    given: Mapping[str, float | None],
+    seed: int,
+    hold_back: tuple[str, ...],
+    half: bool,
+    terminal: Terminal,
+) -> int:
+    from rig.models.train import train as fit
+
     with terminal.progress("training", None) as advance:
         result = fit(
             targets,
             net,
             out,
             seed=seed,
-            epochs=epochs,
-            batch_size=batch_size,
-            learning_rate=learning_rate,
-            patience=patience,
             held_back=hold_back,
             half=half,
             progress=reporter(advance, terminal),
+            **_only_given(given),
         )
     best = result.history[result.best_epoch]
     terminal.result(
@@ -78,6 +149,27 @@ def train(
         },
     )
     return OK
+
+
+def _only_given(options: Mapping[str, float | None]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _refuse(net: str, **options: object) -> None:
+    for name, value in options.items():
+        if value is not None:
+            raise UsageError(f"--{name.replace('_', '-')} does not go with --net {net}")
+
+
+def stage_reporter(steps: Sequence[int], advance: Advance, terminal: Terminal) -> StageProgress:
+    """Return what shows a staged training: a bar, and with --verbose a line a stage."""
+
+    def report(stage: int, step: int, total: int, loss: float) -> None:
+        advance(sum(steps[:stage]) + step, sum(steps))
+        if step == total:
+            terminal.detail(f"stage {stage + 1} of {len(steps)}: loss {loss:.4f}")
+
+    return report
 
 
 def reporter(advance: Advance, terminal: Terminal) -> Callable[[TrainingProgress], None]:

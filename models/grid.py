@@ -1,0 +1,77 @@
+"""The grid of settings over which paths are planned and score maps are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.types import THESIS_LIMITS, Limits
+from rig.core.units import gain_factor
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsGrid:
+    """Exposures in equal ratios and gains in equal steps; cell = exposure index x gains + gain."""
+
+    exposures_us: tuple[float, ...]
+    gains_db: tuple[float, ...]
+
+    def __len__(self) -> int:
+        return len(self.exposures_us) * len(self.gains_db)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Return (number of exposures, number of gains)."""
+        return len(self.exposures_us), len(self.gains_db)
+
+    def cells(self) -> NDArray[np.float64]:
+        """Return the settings of every cell, S x (exposure_us, gain_db)."""
+        exposures, gains = np.meshgrid(self.exposures_us, self.gains_db, indexing="ij")
+        return np.stack([exposures.ravel(), gains.ravel()], axis=1)
+
+    def distance_ev(self) -> NDArray[np.float64]:
+        """Return by how much brightness differs between any two cells, S x S, in stops."""
+        stops = brightness_ev(self.cells())
+        return np.abs(stops[:, None] - stops)
+
+    def corners(
+        self, settings: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the four cells around N settings and their bilinear weights, both N x 4.
+
+        `settings` is N x (exposure_us, gain_db); those outside the grid count as on its edge.
+        """
+        rows, row_parts = _between(np.log(settings[:, 0]), np.log(self.exposures_us))
+        columns, column_parts = _between(settings[:, 1], np.array(self.gains_db))
+        width = len(self.gains_db)
+        cells = [(rows + i) * width + columns + j for i in (0, 1) for j in (0, 1)]
+        weights = [
+            np.abs(1 - i - row_parts) * np.abs(1 - j - column_parts) for i in (0, 1) for j in (0, 1)
+        ]
+        return np.stack(cells, axis=1), np.stack(weights, axis=1)
+
+
+def path_grid(
+    n_exposure: int = 10, n_gain: int = 5, limits: Limits = THESIS_LIMITS
+) -> SettingsGrid:
+    """Return the grid that spans `limits`; both counts at least 2."""
+    exposures_us = np.geomspace(*limits.exposure_us, n_exposure)
+    gains_db = np.linspace(*limits.gain_db, n_gain)
+    return SettingsGrid(tuple(exposures_us.tolist()), tuple(gains_db.tolist()))
+
+
+def brightness_ev(settings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the stops of brightness of N x (exposure_us, gain_db): log2 of exposure x gain."""
+    factors = np.array([gain_factor(gain) for gain in settings[:, 1]])
+    return np.asarray(np.log2(settings[:, 0] * factors))
+
+
+def _between(
+    values: NDArray[np.float64], steps: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the step at or below each value, but not the last, and the share of the next."""
+    clipped = np.clip(values, steps[0], steps[-1])
+    index = np.clip(np.searchsorted(steps, clipped, side="right") - 1, 0, len(steps) - 2)
+    return index, (clipped - steps[index]) / (steps[index + 1] - steps[index])

@@ -1,0 +1,114 @@
+"""The card of a score-map network."""
+
+from __future__ import annotations
+
+import shlex
+from typing import TYPE_CHECKING
+
+from rig.core.types import THESIS_LIMITS
+from rig.models.export import LICENCE
+from rig.models.paths import DriveSource
+from rig.vision.thumbnail import THUMBNAIL_PX
+
+if TYPE_CHECKING:
+    from rig.models.pathtrain import PathTrainingResult
+
+LIMITS = """## Limits
+
+Trained for one simulated camera model, one lens and one aperture: another aperture or sensor moves
+the settings that are right (thesis 5.3). It has seen only the kinds of world and the speeds of its
+drives. It answers for the next frame; a camera that applies settings later costs it something.
+The figures above count matches by ground truth and interpolate between settings: they choose
+between trainings, and only races say how good a network is."""
+
+
+def write_path_card(result: PathTrainingResult) -> None:
+    """Write the card beside the model."""
+    sections = (
+        _title(result),
+        _data(result),
+        _remake(result),
+        _stages(result),
+        _proof(result),
+        LIMITS,
+    )
+    result.card.write_text("\n\n".join(sections) + "\n", encoding="utf-8")
+
+
+def _title(result: PathTrainingResult) -> str:
+    limits, (columns, rows) = THESIS_LIMITS, THUMBNAIL_PX
+    return f"""# {result.model.stem}
+
+A `{result.net}` network ({result.parameters:,} parameters): three pictures of {columns} x {rows} \
+cells, brightness and saturation, and their settings in; it scores a grid of settings and gives \
+exposure time and gain of the next frame. Exposure {limits.exposure_us[0]:g} to \
+{limits.exposure_us[1]:g} us, gain {limits.gain_db[0]:g} to {limits.gain_db[1]:g} dB.
+Licence: {LICENCE}."""
+
+
+def _data(result: PathTrainingResult) -> str:
+    training = "\n".join(_described(source) for source in result.split.training)
+    held_back = "\n".join(_described(source) for source in result.split.held_back)
+    return f"""## Data
+
+Every setting of a grid at every pose of:
+
+{training}
+
+The stage to keep was chosen on:
+
+{held_back or "- nothing: there was only one world, so the last stage was kept"}
+
+Digest of the drives: `{result.training_sha256}`"""
+
+
+def _described(source: DriveSource) -> str:
+    test = "split=test" in source.cameras
+    warning = " **A test world: results on test worlds prove nothing.**" if test else ""
+    return f"- `{source.cameras}`, {source.world_version}, sha256 `{source.sha256}`.{warning}"
+
+
+def _remake(result: PathTrainingResult) -> str:
+    recipe = result.recipe
+    names = [*result.split.training, *result.split.held_back]
+    cameras = " ".join(shlex.quote(source.cameras) for source in names)
+    held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
+    half = "--half " if result.half else ""
+    steps = ",".join(map(str, recipe.steps))
+    return f"""## Made with
+
+```sh
+rig targets {cameras} --metric path --out paths.npz
+rig train --net {result.net} paths.npz --seed {recipe.seed} --steps {steps} \
+--batch-size {recipe.batch_size} {half}{held_back}--out {shlex.quote(result.model.name)}
+```"""
+
+
+def _stages(result: PathTrainingResult) -> str:
+    rows = []
+    for number, stage in enumerate(result.history):
+        kept = " (kept)" if number == result.best_stage else ""
+        reached = ", ".join(f"{score.median:.0f} / {score.min:.0f}" for score in stage.held_back)
+        rows.append(f"| {number + 1}{kept} | {stage.loss:.4f} | {reached or '-'} |")
+    table = "\n".join(rows)
+    return f"""## Stages
+
+The first learns from random behaviours, the others from the network's own drives as well.
+
+| stage | loss | held back, matches in closed loop: median / minimum of each drive |
+|---|---|---|
+{table}"""
+
+
+def _proof(result: PathTrainingResult) -> str:
+    parity = result.parity
+    half = (
+        f" Storing the weights in half precision moved answers by at most "
+        f"{parity.half_difference:.1e}."
+        if result.half
+        else ""
+    )
+    return f"""## Proof of export
+
+Largest difference from the trained network {parity.difference:.1e}, over samples whose answers
+range over {parity.spread:.2f} of the limits.{half}"""

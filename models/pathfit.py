@@ -1,0 +1,258 @@
+"""Training a score-map network: random behaviours first, then its own mistakes (DAgger).
+
+A stage trains on all journeys so far. Behind each stage but the last, the network drives through
+the training drives itself, and what it saw joins the journeys: the labels of the pictures that
+its own settings lead to. (Ross, Gordon, Bagnell: A reduction of imitation learning, 2011.)
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from rig.core.errors import ModelError, UsageError
+from rig.models.cars import NetworkCars, Score, own_journeys, random_journeys, scores
+from rig.models.dataset import scale_settings
+from rig.models.grid import SettingsGrid
+from rig.models.rollout import Frames, Journey
+from rig.models.scoremap import FRAMES, ScoreMapNetwork
+from rig.models.seen import SeenDrive
+from rig.models.values import Utility, Values, move_values
+
+
+@dataclass(frozen=True, slots=True)
+class PathRecipe:
+    """What decides a score-map network besides its data.
+
+    `steps` are the optimiser's steps of each stage; `behaviours` and `own_journeys` the journeys
+    through every drive, at random and after each stage; `temperature` turns values into the
+    probabilities to learn; `noise` scales the own journeys' errors, off for every other round.
+    """
+
+    seed: int = 0
+    steps: tuple[int, ...] = (1500, 1000, 1000)
+    learning_rates: tuple[float, ...] = (2e-3, 1.5e-3, 1.5e-3)
+    batch_size: int = 96
+    behaviours: int = 8
+    own_journeys: int = 2
+    temperature: float = 0.1
+    smoothing: float = 0.0
+    noise: float = 0.25
+    weight_decay: float = 1e-2
+    utility: Utility = field(default_factory=Utility)
+
+
+def make_recipe(
+    seed: int, steps: Sequence[int] = (), learning_rate: float = 2e-3, batch_size: int = 96
+) -> PathRecipe:
+    """Return a recipe with these options; later stages learn at three quarters of the rate.
+
+    `steps` are those of each stage, 1500, 1000 and 1000 when empty. Raises UsageError when one is
+    out of range.
+    """
+    steps = tuple(steps) or PathRecipe().steps
+    if min(steps) < 1 or batch_size < 2:
+        raise UsageError("--steps must be at least 1 and --batch-size at least 2")
+    if not (math.isfinite(learning_rate) and learning_rate > 0):
+        raise UsageError(f"--learning-rate must be above 0, got {learning_rate}")
+    rates = (learning_rate, *(0.75 * learning_rate for _ in steps[1:]))
+    return PathRecipe(seed=seed, steps=steps, learning_rates=rates, batch_size=batch_size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathSamples:
+    """N decisions: the frames to look at (N x 3, newest first) and the value of each answer."""
+
+    frames: Frames
+    settings: NDArray[np.float32]
+    newest_first: NDArray[np.int64]
+    values: Values
+
+    def batch(self, chosen: NDArray[np.int64]) -> tuple[Tensor, Tensor, Tensor]:
+        """Return images N x 6 x 48 x 64, settings N x 6 and values N x S."""
+        rows = self.newest_first[chosen]
+        images = torch.from_numpy(self.frames[rows].reshape(len(rows), -1, *self.frames.shape[2:]))
+        settings = torch.from_numpy(self.settings[rows].reshape(len(rows), -1))
+        return images.float() / 255, settings, torch.from_numpy(self.values[chosen])
+
+
+def gather(
+    journeys: Sequence[Journey], values: Sequence[Values], grid: SettingsGrid
+) -> PathSamples:
+    """Return the decisions of journeys; `values` belongs to the drives that they count."""
+    rows, answers, start = [], [], 0
+    for journey in journeys:
+        decided = len(journey.used) - 1
+        pose = np.arange(decided)
+        rows.append(start + np.stack([np.maximum(pose - back, 0) for back in range(FRAMES)], 1))
+        cells, weights = grid.corners(journey.used[:decided])
+        of_drive = values[journey.drive][pose[:, None], cells]
+        answers.append(np.einsum("tc,tcs->ts", weights.astype(np.float32), of_drive))
+        start += decided + 1
+    used = np.concatenate([journey.used for journey in journeys])
+    return PathSamples(
+        frames=np.concatenate([journey.frames for journey in journeys]),
+        settings=scale_settings(used[:, 0], used[:, 1]),
+        newest_first=np.concatenate(rows),
+        values=np.concatenate(answers),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class StageResult:
+    """The last smoothed loss of a stage, and what the network then reached when held back."""
+
+    loss: float
+    held_back: tuple[Score, ...]
+
+    @property
+    def worth(self) -> float:
+        """Return what stages are compared by: log median and, at 0.3 of it, log minimum."""
+        return float(
+            np.mean([math.log(s.median + 1) + 0.3 * math.log(s.min + 20) for s in self.held_back])
+        )
+
+
+StageProgress = Callable[[int, int, int, float], None]
+"""Told the stage, the step, the steps of the stage and the smoothed loss."""
+
+
+class PathFit:
+    """One training of a score-map network; call `stage` until `finished`, then `best_network`.
+
+    A stage draws everything from (seed, stage), so a training that goes on from a saved stage
+    ends in the same weights as one that never stopped.
+    """
+
+    def __init__(
+        self,
+        recipe: PathRecipe,
+        grid: SettingsGrid,
+        training: Sequence[SeenDrive],
+        held_back: Sequence[SeenDrive],
+    ) -> None:
+        self.recipe, self.grid = recipe, grid
+        self.history: list[StageResult] = []
+        self.best_stage = 0
+        self._training, self._held_back = training, held_back
+        torch.manual_seed(recipe.seed)
+        self.network = ScoreMapNetwork(grid, smoothing=recipe.smoothing)
+        self._best = copy.deepcopy(self.network.state_dict())
+        self._values = [move_values(drive.moves, recipe.utility) for drive in training]
+        rng = np.random.default_rng([recipe.seed, 1_000])
+        self._journeys = random_journeys(training, grid, recipe.behaviours, rng)
+        self._own: list[Journey] = []
+
+    @property
+    def finished(self) -> bool:
+        """Return whether all stages are done."""
+        return len(self.history) >= len(self.recipe.steps)
+
+    def stage(self, progress: StageProgress) -> None:
+        """Train one stage, judge it on the held-back drives, and let the network drive itself.
+
+        Without held-back drives the last stage counts as the best. Raises ModelError when the
+        loss is no number any more.
+        """
+        number, recipe = len(self.history), self.recipe
+        rng = np.random.default_rng([recipe.seed, number])
+        torch.manual_seed(int(rng.integers(2**63)))
+        samples = gather(self._journeys + self._own, self._values, self.grid)
+        loss = self._train(samples, number, rng, progress)
+        if not math.isfinite(loss):
+            raise ModelError(f"training diverged in stage {number + 1}: its loss is {loss}")
+        reached = scores(NetworkCars(self.network), self._held_back, self.grid)
+        self.history.append(StageResult(loss, tuple(reached)))
+        if not reached or self.history[-1].worth > self.history[self.best_stage].worth:
+            self.best_stage = number
+        if self.best_stage == number:
+            self._best = copy.deepcopy(self.network.state_dict())
+        if not self.finished:
+            noise = recipe.noise if number % 2 == 0 else 0.0
+            self._own += own_journeys(
+                self.network, self._training, self.grid, recipe.own_journeys, noise, rng
+            )
+
+    def best_network(self) -> ScoreMapNetwork:
+        """Return the network of the best stage, ready to answer."""
+        network = ScoreMapNetwork(self.grid, smoothing=self.recipe.smoothing)
+        network.load_state_dict(self._best)
+        return network.eval()
+
+    def proof_samples(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return images and settings from all over the journeys, to prove an exported file on."""
+        samples = gather(self._journeys, self._values, self.grid)
+        rows = np.linspace(0, len(samples.newest_first) - 1, count).astype(np.int64)
+        images, settings, _ = samples.batch(rows)
+        return images.numpy(), settings.numpy()
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that `restore` needs: tensors, numbers and words only."""
+        return {
+            "network": self.network.state_dict(),
+            "best": self._best,
+            "best_stage": self.best_stage,
+            "history": [
+                [one.loss, [[score.median, score.min] for score in one.held_back]]
+                for one in self.history
+            ],
+            "own": [
+                [own.drive, torch.from_numpy(own.frames), torch.from_numpy(own.used)]
+                for own in self._own
+            ],
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state of the same recipe and drives."""
+        self.network.load_state_dict(state["network"])
+        self._best, self.best_stage = state["best"], state["best_stage"]
+        self.history = [
+            StageResult(loss, tuple(Score(*score) for score in held_back))
+            for loss, held_back in state["history"]
+        ]
+        self._own = [
+            Journey(drive, frames.numpy(), used.numpy()) for drive, frames, used in state["own"]
+        ]
+
+    def _train(
+        self,
+        samples: PathSamples,
+        number: int,
+        rng: np.random.Generator,
+        progress: StageProgress,
+    ) -> float:
+        recipe, rate = self.recipe, self.recipe.learning_rates[number]
+        steps = recipe.steps[number]
+        optimiser = torch.optim.AdamW(
+            self.network.parameters(), rate, weight_decay=recipe.weight_decay
+        )
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, rate, total_steps=steps, pct_start=0.15
+        )
+        self.network.train()
+        smooth = 0.0
+        for step in range(steps):
+            chosen = rng.integers(0, len(samples.newest_first), recipe.batch_size)
+            images, settings, values = samples.batch(chosen)
+            mirrored = torch.from_numpy(rng.random(len(chosen)) < 0.5)
+            images[mirrored] = images[mirrored].flip(-1)
+            wanted = functional.softmax(values / recipe.temperature, 1)
+            found = functional.log_softmax(self.network.scores(images, settings), 1)
+            loss = -(wanted * found).sum(1).mean()
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+            schedule.step()
+            smooth = loss.item() if step == 0 else 0.98 * smooth + 0.02 * loss.item()
+            progress(number, step + 1, steps, smooth)
+        self.network.eval()
+        return smooth

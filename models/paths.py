@@ -1,0 +1,130 @@
+"""Path targets: the file that keeps drives with every setting tried at every pose.
+
+Values of moves are worked out of the counts when training begins, so one file serves every
+utility.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.errors import RecordingError, UsageError
+from rig.models.grid import SettingsGrid, path_grid
+from rig.models.seen import SeenDrive, see_drives
+from rig.models.workers import process_count
+
+SCHEMA = "rig.paths/1"
+
+
+@dataclass(frozen=True, slots=True)
+class DriveSource:
+    """Where one drive came from; `sha256` is of its pictures and counts."""
+
+    name: str
+    sha256: str
+    cameras: str
+    world_version: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathTargets:
+    """Drives over one grid of settings."""
+
+    grid: SettingsGrid
+    drives: tuple[SeenDrive, ...]
+    sources: tuple[DriveSource, ...]
+
+    def save(self, path: Path) -> None:
+        """Write an uncompressed npz without pickles; equal drives give equal bytes.
+
+        Raises UsageError when the file exists.
+        """
+        if path.exists():
+            raise UsageError(f"{path} exists: choose another --out or delete it")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        arrays: dict[str, NDArray[np.generic]] = {}
+        for index, drive in enumerate(self.drives):
+            arrays[f"thumbnails_{index}"] = drive.thumbnails
+            arrays[f"moves_{index}"] = drive.moves
+        unfinished = path.with_name(path.name + ".part")
+        with unfinished.open("wb") as file:
+            np.savez(file, header=np.array(self._header()), **arrays)  # type: ignore[arg-type]
+        unfinished.replace(path)
+
+    @staticmethod
+    def load(path: Path) -> PathTargets:
+        """Read a file that `save` wrote; raises RecordingError when it is none."""
+        if not path.exists():
+            raise RecordingError(f"{path}: no such target file; make one with `rig targets`")
+        try:
+            return _load(path)
+        except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile) as error:
+            raise RecordingError(
+                f"{path}: not a file of path targets ({error}); make one with "
+                "`rig targets sim:tunnel --seeds 1-12 --metric path`"
+            ) from error
+
+    def _header(self) -> str:
+        return json.dumps(
+            {
+                "schema": SCHEMA,
+                "exposures_us": self.grid.exposures_us,
+                "gains_db": self.grid.gains_db,
+                "drives": [[drive.cameras, drive.world_version] for drive in self.drives],
+            }
+        )
+
+
+def make_paths(
+    cameras: Sequence[str],
+    *,
+    frames: int | None = None,
+    processes: int | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> PathTargets:
+    """Try every setting at every pose of simulated drives; pieces are kept in the user's cache.
+
+    `frames` is the number of poses of each, the whole drive when None. Raises UsageError for an
+    address that is not simulated, is named twice, or a drive of fewer than two poses.
+    """
+    if not cameras:
+        raise UsageError(
+            "no cameras given: name at least one world, such as sim:tunnel --seeds 1-12"
+        )
+    if frames is not None and frames < 2:
+        raise UsageError(f"--frames must be at least 2, got {frames}")
+    grid = path_grid()
+    seen = see_drives(
+        cameras, grid, frames=frames, processes=process_count(processes), progress=progress
+    )
+    return PathTargets(grid, tuple(seen), tuple(map(_source, seen)))
+
+
+def _source(drive: SeenDrive) -> DriveSource:
+    digest = hashlib.sha256(np.ascontiguousarray(drive.thumbnails).data)
+    digest.update(np.ascontiguousarray(drive.moves).data)
+    name = drive.cameras.removeprefix("sim:")
+    return DriveSource(name, digest.hexdigest(), drive.cameras, drive.world_version)
+
+
+def _load(path: Path) -> PathTargets:
+    with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+        header = json.loads(str(file["header"]))
+        if header.get("schema") != SCHEMA:
+            raise ValueError(f"its schema is {header.get('schema')!r}, not {SCHEMA!r}")
+        drives = tuple(
+            SeenDrive(cameras, version, file[f"thumbnails_{index}"], file[f"moves_{index}"])
+            for index, (cameras, version) in enumerate(header["drives"])
+        )
+    grid = SettingsGrid(tuple(header["exposures_us"]), tuple(header["gains_db"]))
+    if any(drive.thumbnails.shape[1] != len(grid) for drive in drives):
+        raise ValueError("its drives do not fit its grid")
+    return PathTargets(grid, drives, tuple(map(_source, drives)))

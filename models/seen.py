@@ -1,0 +1,203 @@
+"""A simulated drive with every setting of a grid tried at every pose.
+
+Only a simulation can do this. A drive is worked out in pieces that are kept in the user's cache,
+so an interrupted run goes on where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rig.config import load_camera_model
+from rig.core.errors import UsageError
+from rig.core.types import Settings, Truth
+from rig.core.units import US_PER_S
+from rig.drivers.registry import open_source, parse_address
+from rig.drivers.scenes.cache import Arrays, cached
+from rig.drivers.scenes.scene import Scene
+from rig.drivers.scenes.trajectories import Pose
+from rig.drivers.sensor.sensor import Sensor
+from rig.drivers.simulated.source import SimulatedSource
+from rig.models.grid import SettingsGrid
+from rig.models.tracking import FeatureSets, count_moves, feature_sets, flow
+from rig.models.workers import in_processes
+from rig.vision.bayer import to_grey
+from rig.vision.orb import OrbFeatures, OrbFrontEnd
+from rig.vision.thumbnail import thumbnail
+
+RECIPE = "1"
+"""Counts the ways in which drives were measured; what another way left in the cache is not used."""
+
+LARGEST_MOVE_EV = 3.2
+"""Moves that change the brightness by more are taken to match nothing."""
+
+HOPELESS_SATURATED = 0.97
+"""A picture with more saturated pixels than this has no features worth looking for."""
+
+_POSES_A_PIECE = 20
+_NO_FEATURES = OrbFeatures(np.empty((0, 2), np.float32), np.empty((0, 32), np.uint8))
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenDrive:
+    """P poses of one drive under S settings.
+
+    `thumbnails` is uint8 P x S x 2 x 48 x 64; `moves` int16 P-1 x S x S counts the matches of the
+    picture at a pose (first setting) with that at the next pose (second setting).
+    """
+
+    cameras: str
+    world_version: str
+    thumbnails: NDArray[np.uint8]
+    moves: NDArray[np.int16]
+
+
+def see_drives(
+    cameras: Sequence[str],
+    grid: SettingsGrid,
+    *,
+    frames: int | None,
+    processes: int,
+    progress: Progress,
+) -> list[SeenDrive]:
+    """Return the drives of simulated cameras, in their order; worlds are of the train split.
+
+    Raises UsageError for an address that is not simulated or names a world twice.
+    """
+    addresses = [_resolved(address) for address in cameras]
+    for address in addresses:
+        if addresses.count(address) > 1:
+            raise UsageError(f"{address} is named twice")
+    lengths = dict(in_processes(_length, addresses, processes))
+    pieces = [
+        (address, start, min(start + _POSES_A_PIECE, last))
+        for address in addresses
+        for last in [min(frames or lengths[address], lengths[address]) - 1]
+        for start in range(0, last, _POSES_A_PIECE)
+    ]
+    seen: dict[tuple[str, int, int], Arrays] = {}
+    progress(0, len(pieces))
+    for piece, arrays in in_processes(partial(_piece, grid), pieces, processes):
+        seen[piece] = arrays
+        progress(len(seen), len(pieces))
+    return [_joined(address, [seen[p] for p in pieces if p[0] == address]) for address in addresses]
+
+
+def _joined(address: str, parts: list[Arrays]) -> SeenDrive:
+    """Join the pieces; each has one pose more than moves, which the next one repeats."""
+    thumbnails = [part["thumbnails"][:-1] for part in parts] + [parts[-1]["thumbnails"][-1:]]
+    return SeenDrive(
+        cameras=address,
+        world_version=str(parts[0]["world_version"]),
+        thumbnails=np.concatenate(thumbnails).astype(np.uint8),
+        moves=np.concatenate([part["moves"] for part in parts]).astype(np.int16),
+    )
+
+
+def _resolved(cameras: str) -> str:
+    """Return an address with every option named, without opening its world."""
+    parsed = parse_address(cameras)
+    if parsed.scheme != "sim":
+        raise UsageError(
+            f"{cameras}: only simulated cameras can see a pose under every setting; "
+            "name worlds such as 'sim:tunnel?seed=7'"
+        )
+    return str(parsed)
+
+
+def _length(address: str) -> tuple[str, int]:
+    return address, _open(address).source.drive_triggers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Opened:
+    source: SimulatedSource
+    scene: Scene
+    sensor: Sensor
+
+
+@lru_cache(maxsize=1)
+def _open(address: str) -> _Opened:
+    """Return the cameras of an address; the last ones stay open, one piece follows another."""
+    source = open_source(address, seed=0, split="train")
+    if not isinstance(source, SimulatedSource):
+        raise UsageError(f"{address}: only simulated cameras know depth and poses")
+    lens = source.scene.intrinsics("primary")
+    model = load_camera_model(parse_address(source.address).options["camera"])
+    return _Opened(source, source.scene, Sensor(model, (lens.height_px, lens.width_px), seed=0))
+
+
+def _piece(grid: SettingsGrid, piece: tuple[str, int, int]) -> tuple[tuple[str, int, int], Arrays]:
+    """Return a piece with its poses `first` to `last`, both included, from the cache or seen."""
+    address, first, last = piece
+    opened = _open(address)
+    words = (opened.source.address, opened.source.world_version, grid, first, last, RECIPE)
+    return piece, cached("seen", repr(words), lambda: _see(opened, grid, first, last))
+
+
+def _see(opened: _Opened, grid: SettingsGrid, first: int, last: int) -> Arrays:
+    thumbnails, moves = [], []
+    before: FeatureSets | None = None
+    allowed = grid.distance_ev() <= LARGEST_MOVE_EV
+    for pose in range(first, last + 1):
+        small, after = _look(opened, grid, pose)
+        thumbnails.append(small)
+        if before is not None:
+            moves.append(_count(opened, before, after, pose - 1, allowed))
+        before = after
+    return {
+        "thumbnails": np.stack(thumbnails),
+        "moves": np.stack(moves),
+        "world_version": np.array(opened.source.world_version),
+    }
+
+
+def _count(
+    opened: _Opened,
+    before: FeatureSets,
+    after: FeatureSets,
+    pose: int,
+    allowed: NDArray[np.bool_],
+) -> NDArray[np.int16]:
+    scene, drive = opened.scene, opened.source.drive
+    times_s = [drive.scene_time_s(at) for at in (pose, pose + 1)]
+    here, there = (_pose(scene.truth(time_s)) for time_s in times_s)
+    depth_m = scene.view("primary", times_s[0]).depth_m
+    predicted = flow(before.points_px, depth_m, scene.intrinsics("primary"), here, there)
+    interval_us = (times_s[1] - times_s[0]) * US_PER_S
+    return count_moves(before, after, predicted, interval_us, allowed)
+
+
+def _pose(truth: Truth) -> Pose:
+    """Return the primary camera's pose; the rotation is from the world to the optical frame."""
+    rotation = Rotation.from_quat(truth.orientation_xyzw).as_matrix().T
+    return Pose(rotation, np.array(truth.position_m))
+
+
+def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> tuple[NDArray[np.uint8], FeatureSets]:
+    """Return the S thumbnails of a pose and its features; hopeless pictures are not looked at."""
+    view = opened.scene.view("primary", opened.source.drive.scene_time_s(pose))
+    front_end = OrbFrontEnd()
+    small, found = [], []
+    for index, exposure_us in enumerate(grid.exposures_us):
+        darkest = Settings(exposure_us, grid.gains_db[0])
+        sharp = opened.sensor.develop(view.radiance_cd_m2, darkest, pose)
+        hopeless = np.mean(sharp >= 250) > HOPELESS_SATURATED
+        radiance = view.radiance_cd_m2 if hopeless else view.exposed(exposure_us)
+        for number, gain_db in enumerate(grid.gains_db):
+            noise_seed = (pose * len(grid) + index * len(grid.gains_db) + number) * 2 + 1
+            picture = opened.sensor.develop(radiance, Settings(exposure_us, gain_db), noise_seed)
+            small.append(thumbnail(picture, "bayer_rggb8"))
+            hopeless = hopeless or small[-1][1].mean() > HOPELESS_SATURATED * 255
+            found.append(
+                _NO_FEATURES if hopeless else front_end.features(to_grey(picture, "bayer_rggb8"))
+            )
+    return np.stack(small), feature_sets(found, grid.cells()[:, 0].tolist())

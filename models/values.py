@@ -1,0 +1,66 @@
+"""How good each next setting is: dynamic programming over inliers, backwards through a drive.
+
+The best setting of one picture is not the best next one: matches need two pictures that fit, and
+greedy optima jump. The value of a move is the utility of its matches plus the discounted value of
+the best that can follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.core.errors import UsageError
+
+Values = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Utility:
+    """The worth of n matches: `log_weight` ln(n + 50) - (`barrier` / (n + `softness`))^2.
+
+    The logarithm makes a share of matches worth the same everywhere; the barrier makes few
+    matches so costly that no plateau behind them pays for it. `discount` in [0, 1) is per frame.
+    """
+
+    log_weight: float = 0.3
+    barrier: float = 60.0
+    softness: float = 20.0
+    discount: float = 0.9
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.discount < 1:
+            raise UsageError(f"the discount must be in [0, 1), got {self.discount}")
+
+    def of(self, matches: NDArray[np.int16]) -> Values:
+        """Return the utility of each count."""
+        n = matches.astype(np.float32)
+        barrier = np.square(self.barrier / (n + self.softness))
+        worth = self.log_weight * np.log(n + 50) - barrier
+        return np.asarray(worth, np.float32)
+
+
+def move_values(moves: NDArray[np.int16], utility: Utility) -> Values:
+    """Return the value of every move, of the shape of `moves`: P-1 x S (from) x S (to).
+
+    Behind the last pose nothing follows, so the last frames look less far ahead.
+    """
+    values = utility.of(moves)
+    following = np.zeros(moves.shape[1], np.float32)
+    for here in values[::-1]:
+        here += np.float32(utility.discount) * following
+        following = here.max(1)
+    return values
+
+
+def best_path(moves: NDArray[np.int16], utility: Utility) -> NDArray[np.int64]:
+    """Return the cell of every pose, P long, along the path of the highest value."""
+    values = move_values(moves, utility)
+    cell = int(values[0].max(1).argmax())
+    path = [cell]
+    for here in values:
+        cell = int(here[cell].argmax())
+        path.append(cell)
+    return np.array(path)

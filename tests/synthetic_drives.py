@@ -1,0 +1,24 @@
+"""Seen drives that need no rendering: one brightness is right, and light comes and goes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.models.grid import brightness_ev, path_grid
+from rig.models.seen import SeenDrive
+
+GRID = path_grid(10, 4)
+
+
+def make_drive(seed: int, poses: int = 40) -> SeenDrive:
+    """Return a drive whose pictures are of one grey, best in the middle of its range."""
+    rng = np.random.default_rng(seed)
+    light_ev = 2.5 * np.sin(np.arange(poses) / rng.uniform(4, 9) + rng.uniform(0, 6))
+    error_ev = brightness_ev(GRID.cells())[None] - 10 + light_ev[:, None]
+    grey = 255 * np.clip(0.2 * 2.0**error_ev, 0, 1) ** (1 / 2.2)
+    pictures = np.zeros((poses, len(GRID), 2, 48, 64), np.uint8)
+    pictures[:, :, 0] = grey[..., None, None]
+    pictures[:, :, 1] = np.where(grey > 250, 255, 0)[..., None, None]
+    good = np.exp(-np.square(error_ev / 1.5))
+    moves = 600 * np.minimum(good[:-1, :, None], good[1:, None, :])
+    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, moves.astype(np.int16))

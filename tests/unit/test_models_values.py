@@ -1,0 +1,107 @@
+"""Values and paths against every path of small drives; roll-outs against the tables."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from synthetic_drives import GRID, make_drive
+
+from rig.core.errors import UsageError
+from rig.models.behaviour import RandomExposure
+from rig.models.grid import path_grid
+from rig.models.rollout import look, matches, roll_out
+from rig.models.values import Utility, best_path, move_values
+
+UTILITY = Utility(discount=0.8)
+
+
+def test_the_best_path_is_the_best_of_all() -> None:
+    moves = np.random.default_rng(0).integers(0, 300, (4, 3, 3)).astype(np.int16)
+    worth = UTILITY.of(moves)
+
+    def total(path: tuple[int, ...]) -> float:
+        return sum(0.8**t * worth[t, a, b] for t, (a, b) in enumerate(pairwise(path)))
+
+    paths = list(product(range(3), repeat=5))
+    assert tuple(best_path(moves, UTILITY)) == max(paths, key=total)
+    best = max(total(path) for path in paths)
+    assert move_values(moves, UTILITY)[0].max() == pytest.approx(best, rel=1e-5)
+
+
+def test_few_matches_cost_more_than_a_plateau_behind_them_pays() -> None:
+    moves = np.full((12, 2, 2), 300, np.int16)
+    moves[:, 1, 1] = 600
+    moves[:, 0, 1] = 0
+    forced = move_values(moves, Utility())[0]
+    assert forced[0, 0] > forced[0, 1], "not through a blind move"
+
+
+def test_a_discount_of_one_is_refused() -> None:
+    with pytest.raises(UsageError, match="discount"):
+        Utility(discount=1.0)
+
+
+def test_cells_are_found_again_and_middles_are_halves() -> None:
+    grid = path_grid()
+    cells = grid.cells()
+    around, weights = grid.corners(cells)
+    found = np.einsum("ncd,nc->nd", np.log(cells + 1)[around], weights)
+    assert np.allclose(found, np.log(cells + 1))
+    middle = np.array([[np.sqrt(cells[0, 0] * cells[5, 0]), cells[1, 1] / 2]])
+    assert np.allclose(grid.corners(middle)[1], 0.25)
+
+
+def test_a_car_on_a_cell_sees_its_picture_and_gets_its_matches() -> None:
+    drive = make_drive(1)
+    path = np.random.default_rng(2).integers(0, len(GRID), 40)
+    used = GRID.cells()[path]
+
+    journey = roll_out([drive], GRID, [0], used[:1], lambda pose, *_: used[[min(pose + 1, 39)]])
+    assert np.array_equal(journey[0].frames, drive.thumbnails[np.arange(40), path])
+    assert np.array_equal(journey[0].used, used)
+    assert np.array_equal(
+        matches(drive, GRID, used), drive.moves[np.arange(39), path[:-1], path[1:]]
+    )
+
+
+def test_between_two_cells_a_picture_is_between_theirs() -> None:
+    drive = make_drive(1)
+    cells = GRID.cells()
+    between = np.array([[np.sqrt(cells[0, 0] * cells[4, 0]), 0.0]])
+    seen = look([drive], GRID, [0], np.array([3]), between)[0].astype(float)
+    low, high = drive.thumbnails[3, 0].astype(float), drive.thumbnails[3, 4].astype(float)
+    assert np.abs(seen - (low + high) / 2).max() <= 0.5
+
+
+def test_a_shorter_drive_ends_sooner() -> None:
+    drives = [make_drive(1), make_drive(2, poses=25)]
+    start = np.tile([1_000.0, 0.0], (2, 1))
+    journeys = roll_out(drives, GRID, [0, 1], start, lambda _pose, _frames, used: used)
+    assert [len(journey.used) for journey in journeys] == [40, 25]
+    assert np.array_equal(journeys[1].frames, look_all(drives, 1, start[1]))
+
+
+def look_all(drives: list[object], which: int, used: np.ndarray) -> np.ndarray:
+    drive = drives[which]
+    poses = range(len(drive.thumbnails))  # type: ignore[attr-defined]
+    return np.stack([look(drives, GRID, [which], np.array([p]), used[None])[0] for p in poses])  # type: ignore[arg-type]
+
+
+def test_random_behaviours_reach_all_over_the_limits_and_repeat_with_their_seed() -> None:
+    drives = [make_drive(seed) for seed in range(3)]
+
+    def settings(seed: int) -> np.ndarray:
+        policy = RandomExposure(24, np.random.default_rng(seed))
+        cars = np.repeat(range(3), 8).tolist()
+        return np.concatenate(
+            [one.used for one in roll_out(drives, GRID, cars, policy.start(), policy)]
+        )
+
+    used = settings(5)
+    assert np.array_equal(used, settings(5))
+    assert not np.array_equal(used, settings(6))
+    assert used[:, 0].min() >= 75 and used[:, 0].max() <= 30_000
+    assert used[:, 1].min() >= 0 and used[:, 1].max() <= 30
+    assert np.ptp(np.log2(used[:, 0])) > 5 and np.ptp(used[:, 1]) > 15
