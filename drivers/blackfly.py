@@ -158,6 +158,28 @@ BLACKFLY_S = CameraType(
 """The camera of the thesis (5.1.1); names as in the vendor's feature reference."""
 
 
+ARAVIS_FAKE = CameraType(
+    name="fake camera of Aravis",
+    optional=BLACKFLY_S.optional
+    | {
+        "AutoExposureExposureTimeUpperLimit",
+        "ChunkEnable",
+        "ChunkModeActive",
+        "ChunkSelector",
+        "ExposureAuto",
+        "TimestampLatch",
+        "TimestampLatchValue",
+    },
+    aliases={"ExposureTime": ("ExposureTimeAbs",), "Gain": ("GainRaw",)},
+)
+"""What Aravis itself simulates: no chunks, no clock that can be latched, gain in whole steps."""
+
+
+def camera_type(maker: str) -> CameraType:
+    """Return the type of a camera by its vendor and model."""
+    return ARAVIS_FAKE if maker.startswith("Aravis ") else BLACKFLY_S
+
+
 @dataclass(frozen=True, slots=True)
 class Setup:
     """What every camera of the pair is set up with.

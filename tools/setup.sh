@@ -72,6 +72,10 @@ make_base() {
 make_dev() {
     command -v chromium >/dev/null || apt_install chromium ||
         say "no chromium: the report's browser tests will be skipped"
+    if has_aravis && ! command -v arv-camera-test-0.8 >/dev/null; then
+        apt_install aravis-tools ||
+            say "no aravis-tools: tests with Aravis' own programs will be skipped"
+    fi
     say "installing the test tools and torch into .venv"
     .venv/bin/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[train,dev]'
     touch .venv/.dev

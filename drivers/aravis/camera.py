@@ -50,7 +50,7 @@ class ArmedCamera:
         self._opened = opened
         self._kind = kind
         self._clock = clock
-        self._fit = ClockFit(clock, self._latch)
+        self._fit = ClockFit(clock, self._latch) if self._can_latch() else None
         self._limits = Limits()
         self._pixel_format: PixelFormat = "mono8"
         self._packet_bytes: int | None = None
@@ -81,8 +81,8 @@ class ArmedCamera:
 
     @property
     def clock_error_ns(self) -> int:
-        """Return how far the camera's times may be off the computer's."""
-        return self._fit.error_ns
+        """Return how far the camera's times may be off the computer's; 0 where it has none."""
+        return self._fit.error_ns if self._fit is not None else 0
 
     @property
     def late_frames(self) -> int:
@@ -103,7 +103,8 @@ class ArmedCamera:
         self.carry_out(*blackfly.chunk_steps())
         self._limits = blackfly.read_limits(nodes, self._kind)
         self._packet_bytes = packet_bytes
-        self._fit.refit(tries=_CLOCK_TRIES)
+        if self._fit is not None:
+            self._fit.refit(tries=_CLOCK_TRIES)
 
     def wait_for(self, trigger: Trigger, *steps: Step) -> None:
         """Carry out the steps of this camera's part, and count what triggers it."""
@@ -181,7 +182,8 @@ class ArmedCamera:
 
     def keep_clock(self) -> None:
         """Measure the camera's clock again when the last time is long ago."""
-        self._fit.keep_fresh()
+        if self._fit is not None:
+            self._fit.keep_fresh()
 
     def grab(self, timeout_s: float) -> Frame:
         """Wait for a frame; raises GrabTimeout with what the camera's counters tell."""
@@ -210,7 +212,7 @@ class ArmedCamera:
         if self._repeated(picture.frame_id):
             _LOG.warning("%s: frame id %d came again, ignored", self.serial, picture.frame_id)
             return None
-        start_ns = self._fit.to_host_ns(picture.timestamp_ns)
+        start_ns = self._start_ns(picture.timestamp_ns, host_ns)
         sequence = self.log.sequence_of(start_ns)
         if sequence is None or sequence <= self._last_sequence:
             _LOG.warning("%s: a picture that no trigger began, ignored", self.serial)
@@ -224,6 +226,10 @@ class ArmedCamera:
             host_time_ns=host_ns,
             used=self._used(picture, sequence),
         )
+
+    def _start_ns(self, timestamp_ns: int, host_ns: int) -> int:
+        """Return the computer's time of an exposure; its arrival for a camera without a clock."""
+        return host_ns if self._fit is None else self._fit.to_host_ns(timestamp_ns)
 
     def _used(self, picture: Picture, sequence: int) -> Settings:
         """Return the settings that the picture was taken with; say so when they came late."""
@@ -254,7 +260,8 @@ class ArmedCamera:
     def _refuse(self, spoiled: Spoiled) -> None:
         """Raise for a picture of the present trigger that is not whole; pass over older ones."""
         if spoiled.timestamp_ns > 0:
-            sequence = self.log.sequence_of(self._fit.to_host_ns(spoiled.timestamp_ns))
+            start_ns = self._start_ns(spoiled.timestamp_ns, self._clock.now_ns())
+            sequence = self.log.sequence_of(start_ns)
             if sequence is None or sequence < self.log.count - 1:
                 return
         cause = f"picture incomplete ({_SPOILT_BY.get(spoiled.status, spoiled.status)})"
@@ -317,6 +324,9 @@ class ArmedCamera:
             damping=_number(done.get("AutoExposureControlLoopDamping", asked.damping)),
             start=_settings(exposure, gain),
         )
+
+    def _can_latch(self) -> bool:
+        return self._kind.resolve(self._opened.nodes, "TimestampLatch") is not None
 
     def _latch(self) -> tuple[int, int, int]:
         nodes = self._opened.nodes

@@ -16,7 +16,7 @@ from rig.drivers import blackfly
 from rig.drivers.aravis.binding import open_camera
 from rig.drivers.aravis.camera import ArmedCamera
 from rig.drivers.aravis.times import TriggerLog
-from rig.drivers.blackfly import BLACKFLY_S, CameraType, Setup
+from rig.drivers.blackfly import Setup, camera_type
 
 _LOG = logging.getLogger(__name__)
 
@@ -46,7 +46,6 @@ class PairSpec:
     rate_hz: float | None = 10.0
     packet_bytes: int | None = None
     setup: Setup = field(default_factory=Setup)
-    kind: CameraType = BLACKFLY_S
 
 
 class Firing(Protocol):
@@ -197,7 +196,8 @@ def _opened(spec: PairSpec, log: TriggerLog, clock: Clock) -> Iterator[Pair[Arme
     cameras: list[ArmedCamera] = []
     try:
         for name in spec.names:
-            cameras.append(ArmedCamera(open_camera(name), spec.kind, log, clock))
+            opened = open_camera(name)
+            cameras.append(ArmedCamera(opened, camera_type(opened.maker), log, clock))
             cameras[-1].configure(spec.setup, spec.packet_bytes)
         yield Pair(*cameras)
     except (CameraError, CameraLost):
