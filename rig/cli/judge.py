@@ -48,7 +48,7 @@ def judge(
 
 
 def publish(folder: Path, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
-    """Judge the recording in `folder` by every front end and write its summary.json and report.html."""
+    """Judge a recorded run and write summary.json and report.html beside it."""
     recording = open_recording(folder)
     summary = judge(recording, terminal, front_ends)
     values = json.dumps(summary.as_json(), indent=2)

@@ -66,8 +66,8 @@ def match(
     front_ends = parse_front_ends(front_end, published(half, essential=fx is not None))
     pictures = read(a), read(b)
     lens = intrinsics(pictures[0], fx, fy, cx, cy)
-    if pictures[0].shape != pictures[1].shape and (lens is not None or "viso2" in front_ends):
-        raise RigError(f"{different_sizes(a, b, pictures)}; resize one, or use --front-end orb")
+    if pictures[0].shape != pictures[1].shape and lens is not None:
+        raise RigError(f"{different_sizes(a, b, pictures)}; --fx describes one lens: leave it out")
     results = [measure(name, recipe, pictures, lens) for name, recipe in front_ends.items()]
     values = results[0] if len(results) == 1 else {told["front_end"]: told for told in results}
     terminal.result("\n".join(words(told) for told in results), values)

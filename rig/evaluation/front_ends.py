@@ -61,7 +61,7 @@ class Recipe(Protocol):
         ...
 
     def compare(self, a: Grey, b: Grey, intrinsics: Intrinsics | None) -> Comparison:
-        """Return the numbers of one pair; raises ValueError for sizes that do not go together."""
+        """Return the numbers of one pair; intrinsics are of both pictures."""
         ...
 
 
@@ -87,7 +87,7 @@ class OrbRecipe:
         return InlierCounter(self.front_end(intrinsics))
 
     def compare(self, a: Grey, b: Grey, intrinsics: Intrinsics | None) -> Comparison:
-        """Return matches and inliers; pictures may differ in size when both are shrunk to one."""
+        """Return the matches and the inliers among them."""
         front_end = self.front_end(intrinsics)
         before = front_end.features(a)
         start_s = time.perf_counter()

@@ -90,16 +90,7 @@ class Viso2FrontEnd:
         return Viso2Features(sparse, dense, full)
 
     def matched(self, a: Viso2Features, b: Viso2Features) -> MatchedPoints:
-        """Return the matches of two pictures of one size, outliers of the flow removed.
-
-        Raises ValueError when the pictures differ in size.
-        """
-        if a.gradients.right.shape != b.gradients.right.shape:
-            sizes = " and ".join(
-                f"{shape[1]} x {shape[0]}"
-                for shape in (a.gradients.right.shape, b.gradients.right.shape)
-            )
-            raise ValueError(f"pictures must have one size, got {sizes} px")
+        """Return the matches of two pictures, outliers of the flow removed."""
         radius_px = RADIUS_PX // 2 if self.half_resolution else RADIUS_PX
         rough = _pass(a.sparse, b.sparse, no_bounds(b.sparse.bins, radius_px))
         rough = rough.only(supported(rough.previous_px, rough.current_px))

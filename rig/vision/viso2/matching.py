@@ -91,6 +91,7 @@ def match_features(
             current.classes,
             bounds,
             taken,
+            (previous.bins.rows, previous.bins.columns),
         )
     )
 
@@ -106,8 +107,8 @@ def _match(
     classes: NDArray[np.uint8],
     bounds: NDArray[np.int32],
     taken: NDArray[np.bool_],
+    previous_bins: tuple[int, int],
 ) -> NDArray[np.int64]:
-    rows, columns = bounds.shape[:2]
     pairs = np.empty((len(current_px), 2), np.int64)
     count = 0
     for i in range(len(current_px)):
@@ -123,8 +124,7 @@ def _match(
             previous_bytes,
             previous_starts,
             classes[i],
-            rows,
-            columns,
+            previous_bins,
         )
         if there < 0:
             continue
@@ -137,8 +137,7 @@ def _match(
             current_bytes,
             current_starts,
             classes[i],
-            rows,
-            columns,
+            bounds.shape[:2],
         )
         if back == i:
             taken[y, x] = True
@@ -156,13 +155,14 @@ def _best(
     descriptors: NDArray[np.uint8],
     starts: NDArray[np.int64],
     kind: int,
-    rows: int,
-    columns: int,
+    bins: tuple[int, int],
 ) -> int:
     """Return the feature most like a wanted one inside a window, -1 for none.
 
-    The window is (x from, x to, y from, y to), the ends included; `kind` is the class.
+    The window is (x from, x to, y from, y to), the ends included; `kind` is the class and `bins`
+    the (rows, columns) of the picture that is searched.
     """
+    rows, columns = bins
     left, right, top, bottom = window_px
     if right < 0 or bottom < 0:
         return -1
@@ -200,15 +200,15 @@ def refine(
 
     Points (N x 2) must be at least 4 px from the border. A point moves only to fit better.
     """
-    stride = current.right.shape[1]
+    stride, stride_previous = current.right.shape[1], previous.right.shape[1]
     steps = np.arange(-REFINE_PX, REFINE_PX + 1)
     moves = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     chosen = _refine(
-        previous_px.astype(np.int64) @ (1, stride),
+        previous_px.astype(np.int64) @ (1, stride_previous),
         current_px.astype(np.int64) @ (1, stride),
-        moves @ (1, stride),
-        _RIGHT_PLACES @ (1, stride),
-        _DOWN_PLACES @ (1, stride),
+        moves @ (1, stride_previous),
+        (_RIGHT_PLACES @ (1, stride), _DOWN_PLACES @ (1, stride)),
+        (_RIGHT_PLACES @ (1, stride_previous), _DOWN_PLACES @ (1, stride_previous)),
         (previous.right.ravel(), previous.down.ravel()),
         (current.right.ravel(), current.down.ravel()),
     )
@@ -220,25 +220,27 @@ def _refine(
     previous_at: NDArray[np.int64],
     current_at: NDArray[np.int64],
     moves: NDArray[np.int64],
-    right_places: NDArray[np.int64],
-    down_places: NDArray[np.int64],
+    current_places: tuple[NDArray[np.int64], NDArray[np.int64]],
+    previous_places: tuple[NDArray[np.int64], NDArray[np.int64]],
     previous: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     current: tuple[NDArray[np.uint8], NDArray[np.uint8]],
 ) -> NDArray[np.int64]:
-    """Return which of the moves is best for each match; pictures and places are flat indices.
+    """Return which of the moves is best for each match; points and places are flat indices.
 
-    A move is given up once its cost reaches the least so far.
+    Pairs are (derivative to the right, derivative downwards). A move is given up once its cost
+    reaches the least so far.
     """
     chosen = np.empty(len(previous_at), np.int64)
     right, down = previous
+    right_places, down_places = previous_places
     wanted_right = np.empty(len(right_places), np.int16)
     wanted_down = np.empty(len(down_places), np.int16)
     still = len(moves) // 2
     for i in range(len(previous_at)):
         for k in range(len(right_places)):
-            wanted_right[k] = current[0][np.uint64(current_at[i] + right_places[k])]
+            wanted_right[k] = current[0][np.uint64(current_at[i] + current_places[0][k])]
         for k in range(len(down_places)):
-            wanted_down[k] = current[1][np.uint64(current_at[i] + down_places[k])]
+            wanted_down[k] = current[1][np.uint64(current_at[i] + current_places[1][k])]
         least = 1 << 30
         for attempt in range(-1, len(moves)):
             move = still if attempt < 0 else attempt
