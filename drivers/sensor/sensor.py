@@ -26,17 +26,20 @@ from rig.config import (
 from rig.core.types import Settings
 from rig.core.units import US_PER_S, gain_factor
 
-NORMAL_LEVELS = 1 << 16
+NORMAL_BITS = 12
+NORMAL_LEVELS = 1 << NORMAL_BITS
+"""Equal shares of the normal distribution; their table fits the processor's nearest cache."""
 PATTERN_STEPS = 32
 """Steps of the fixed pattern per standard deviation."""
 
 FEW_E = 4.0
 """Mean counts below this are drawn from the exact Poisson distribution."""
 
-NEVER = np.float32(3e-8)
-"""A count less probable than this, half a step of the uniform numbers, does not happen."""
+FEW_STEPS = 128
+"""Tabulated means per electron; a mean in between is a mixture of its two neighbours."""
 
-TO_UNIT = np.float32(2.0**-24)
+COUNTS = 32
+"""Counts of the small means: more than these happen once in 10^18."""
 
 Row = NDArray[np.float32]
 Bits = NDArray[np.uint32]
@@ -58,6 +61,7 @@ class Sensor:
         self._raw = np.arange(levels + 1, dtype=np.uint16)
         self._eight_bit = response_table(model.response, levels + 1)
         self._normal = _normal_quantiles()
+        self._few = _few_photons()
 
     @property
     def electrons_per_cd_m2_s(self) -> float:
@@ -110,6 +114,7 @@ class Sensor:
             np.float32(converter.black_level_dn),
             np.uint64(noise_seed & 0xFFFFFFFFFFFFFFFF),
             self._normal,
+            self._few,
             table,
             picture,
         )
@@ -144,6 +149,37 @@ def _normal_quantiles() -> NDArray[np.float32]:
     below = np.array([quantile(share) for share in shares])
     z = np.concatenate((below, -below[::-1]))
     return np.asarray(z / z.std(), np.float32)
+
+
+@cache
+def _few_photons() -> NDArray[np.uint32]:
+    """Return alias tables of the Poisson distribution for the means k / FEW_STEPS up to FEW_E.
+
+    A row has COUNTS columns; a column is drawn evenly. Its upper 27 bits are the share at which the
+    column's own count holds, the lower 5 bits are the count that holds otherwise (Walker, Vose).
+    """
+    means = np.arange(int(FEW_E * FEW_STEPS) + 2) / FEW_STEPS
+    counts = np.arange(COUNTS)
+    factorial = np.array([math.factorial(k) for k in range(COUNTS)], float)
+    return np.concatenate(
+        [_alias_row(mean**counts * math.exp(-mean) / factorial) for mean in means]
+    )
+
+
+def _alias_row(probability: NDArray[np.float64]) -> NDArray[np.uint32]:
+    share = probability / probability.sum() * COUNTS
+    alias = np.arange(COUNTS)
+    small = [k for k in range(COUNTS) if share[k] < 1]
+    large = [k for k in range(COUNTS) if share[k] >= 1]
+    while small and large:
+        poor, rich = small.pop(), large[-1]
+        alias[poor] = rich
+        share[rich] -= 1 - share[poor]
+        if share[rich] < 1:
+            small.append(large.pop())
+    share[small + large] = 1
+    threshold = np.minimum(np.rint(share * (1 << 27)), (1 << 27) - 1).astype(np.uint32)
+    return np.asarray(threshold << np.uint32(5) | alias.astype(np.uint32), np.uint32)
 
 
 @nb.njit(inline="always", error_model="numpy")
@@ -184,48 +220,31 @@ def _count_photons(mean_e: Row, z: Row, count_e: Row) -> None:
 
 
 @nb.njit(error_model="numpy")
-def _count_few_photons(mean_e: Row, bits: Bits, count_e: Row) -> None:
-    """Redraw, by inversion of the exact distribution, the counts whose mean is below FEW_E.
+def _count_few_photons(mean_e: Row, dither: Bits, bits: Bits, few: Bits, count_e: Row) -> None:
+    """Redraw, from the exact distribution, the counts whose mean is below FEW_E.
 
-    All pixels of a row step through the counts together, so that the processor's vector units can
-    be used; `count_e` of larger means is left as it is.
+    16 bits of `dither` choose between the two tabulated means next to the true one, so that the
+    mean is right; `bits` draws from the alias table. Larger means keep their count.
     """
     width = mean_e.size
-    mean = np.empty(width, np.float32)
-    left = np.empty(width, np.float32)
-    probability = np.empty(width, np.float32)
-    drawn = np.zeros(width, np.float32)
-    largest_in_64ths = np.int32(0)
+    place = np.empty(width, np.uint32)
+    entry = np.empty(width, np.uint32)
     for column in range(width):
-        few = mean_e[column] < np.float32(FEW_E)
-        mean[column] = mean_e[column] if few else np.float32(0)
-        uniform = (np.float32(np.int32(bits[column] >> np.uint32(8))) + np.float32(0.5)) * TO_UNIT
-        probability[column] = _exp_of_minus(mean[column])
-        left[column] = uniform - probability[column]
-        largest_in_64ths = max(largest_in_64ths, np.int32(mean[column] * np.float32(64)))
-    largest = (largest_in_64ths + 1) / 64
-    for count in range(1, int(largest + 5 * math.sqrt(largest)) + 5):
-        inverse = np.float32(1 / count)
-        for column in range(width):
-            happened = (left[column] > np.float32(0)) & (probability[column] > NEVER)
-            drawn[column] += np.float32(1) if happened else np.float32(0)
-            probability[column] *= mean[column] * inverse
-            left[column] -= probability[column]
+        mean = mean_e[column] if mean_e[column] < np.float32(FEW_E) else np.float32(FEW_E)
+        share = np.float32(np.int32(dither[column] & np.uint32(0xFFFF))) * np.float32(2.0**-16)
+        step = np.int32(mean * np.float32(FEW_STEPS) + share)
+        own = np.int32(bits[column] >> np.uint32(27))
+        place[column] = np.uint32(step * np.int32(COUNTS) + own)
     for column in range(width):
-        few = mean_e[column] < np.float32(FEW_E)
-        count_e[column] = drawn[column] if few else count_e[column]
-
-
-@nb.njit(inline="always", error_model="numpy")
-def _exp_of_minus(x: np.float32) -> np.float32:
-    """Return exp(-x) for 0 <= x <= FEW_E to 2e-6: a Taylor series at x/64, squared six times."""
-    y = x * np.float32(-1 / 64)
-    series = np.float32(1 / 24) + y * np.float32(1 / 120)
-    series = np.float32(0.5) + y * (np.float32(1 / 6) + y * series)
-    result = np.float32(1) + y * (np.float32(1) + y * series)
-    for _ in range(6):
-        result *= result
-    return result
+        entry[column] = few[place[column]]
+    for column in range(width):
+        own = np.int32(bits[column] >> np.uint32(27))
+        other = np.int32(entry[column] & np.uint32(31))
+        holds = np.int32(bits[column] & np.uint32(0x7FFFFFF)) < np.int32(
+            entry[column] >> np.uint32(5)
+        )
+        count = np.float32(own if holds else other)
+        count_e[column] = count if mean_e[column] < np.float32(FEW_E) else count_e[column]
 
 
 @nb.njit(parallel=True, cache=True, error_model="numpy")
@@ -243,6 +262,7 @@ def _expose(  # type: ignore[no-untyped-def]
     black_level_dn,
     noise_seed,
     normal,
+    few_photons,
     table,
     picture,
 ):
@@ -266,14 +286,15 @@ def _expose(  # type: ignore[no-untyped-def]
         shot_z = np.empty(width, np.float32)
         read_z = np.empty(width, np.float32)
         for column in range(width):
-            shot_z[column] = normal[bits[column] & np.uint32(0xFFFF)]
-            read_z[column] = normal[bits[column] >> np.uint32(16)]
+            shot_z[column] = normal[bits[column] & np.uint32(NORMAL_LEVELS - 1)]
+            read_z[column] = normal[bits[column] >> np.uint32(32 - NORMAL_BITS)]
         count_e = np.empty(width, np.float32)
         _count_photons(mean_e, shot_z, count_e)
         if few > 0:
+            more_bits = np.empty(width, np.uint32)
             for column in range(width):
-                bits[column] = _random_bits(column, high, low)
-            _count_few_photons(mean_e, bits, count_e)
+                more_bits[column] = _random_bits(column, high, low)
+            _count_few_photons(mean_e, bits, more_bits, few_photons, count_e)
         level = np.empty(width, np.int32)
         for column in range(width):
             collected_e = count_e[column] + dsnu_step_e * np.float32(offset[row, column])

@@ -147,7 +147,7 @@ def test_counts_are_poisson_distributed(mean_e: float) -> None:
     sensor = Sensor(counting, SHAPE, seed=1)
     light = flat(radiance_for(sensor, mean_e, 1_000.0))
     counts = np.concatenate(
-        [sensor.digitise(light, Settings(1_000.0, 0.0), seed).ravel() for seed in range(10)]
+        [sensor.digitise(light, Settings(1_000.0, 0.0), seed).ravel() for seed in range(40)]
     )
     levels = np.arange(200)
     seen = np.bincount(counts, minlength=levels.size)[: levels.size].cumsum() / counts.size
