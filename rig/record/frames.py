@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from mcap.opcode import Opcode
 
@@ -28,6 +28,7 @@ from rig.record.reader import Recording, open_recording
 
 _HEAD_BYTES = RECORD_HEADER.size + MESSAGE_HEADER.size
 _FIRST_GUESS_BYTES = 1 << 12
+_SLACK_BYTES = 256
 
 
 class Frames:
@@ -70,11 +71,24 @@ class Frames:
         Raises UsageError for a trigger that there is not, RecordingDamaged when the frame is not
         as it was recorded.
         """
+        file, index = self._find(trigger)
+        with damage(file.container.path):
+            return file.frame(index, side)
+
+    def about(self, trigger: int, topic: str) -> dict[str, Any]:
+        """Return the small message on `topic`, `/pair` or a frame's settings, without pictures.
+
+        It is not checked against its seal. Raises like `frame`.
+        """
+        file, index = self._find(trigger)
+        with damage(file.container.path):
+            return file.about(index, topic)
+
+    def _find(self, trigger: int) -> tuple[_File, int]:
         index = trigger
         for file, count in zip(self._files, self._counts, strict=True):
             if 0 <= index < count:
-                with damage(file.container.path):
-                    return file.frame(index, side)
+                return file, index
             index -= count
         raise UsageError(f"{self.recording.path} has no trigger {trigger}, it has {len(self)}")
 
@@ -86,9 +100,8 @@ class _File:
         self.container = Container(path)
         summary = self.container.summary()
         self._chunks = list(summary.chunks())
-        self._places = {
-            side: self._find(summary.ids(topics.frame_meta(side)), self._chunks) for side in SIDES
-        }
+        wanted = [*map(topics.frame_meta, SIDES), topics.PAIR]
+        self._places = {topic: self._find(summary.ids(topic), self._chunks) for topic in wanted}
         counts = {len(chunk) for chunk, _ in self._places.values()}
         if counts != {summary.messages(topics.PAIR)}:
             raise ValueError("the index does not hold the settings of each frame")
@@ -96,32 +109,44 @@ class _File:
         self._guess_bytes = _FIRST_GUESS_BYTES
 
     def frame(self, index: int, side: Side) -> Frame | Lost:
-        chunks, offsets = self._places[side]
-        data = self._records(self._chunks[chunks[index]], offsets[index])
+        chunks, offsets = self._places[topics.frame_meta(side)]
+        chunk = self._chunks[chunks[index]]
+        data = self._records(chunk, offsets[index], self._guess_bytes, count=1)
         meta, end = _message(data, 0, topics.frame_meta(side))
         values = topics.FRAME_META_TYPE.unpack(meta.data)
         picture = None
         if values["status"] == "taken":
+            needed = _bytes_of(2, data)
+            if needed > len(data):
+                data = self._records(chunk, offsets[index], needed, count=2)
             picture, end = _message(data, end, topics.image(side))
-            self._guess_bytes = end
+            self._guess_bytes = end + _SLACK_BYTES
         bound = picture.data if picture else b""
         if not seal_holds(meta.data, meta.topic.encode(), bound):
             raise ValueError(f"the {side} picture of trigger {index} is not the one recorded")
         return codec.to_shot(values, picture, side)
 
-    def _records(self, chunk: ChunkPlace, offset: int) -> memoryview:
-        """Return the bytes from a message on: at least it and the one behind it."""
+    def about(self, index: int, topic: str) -> dict[str, Any]:
+        chunks, offsets = self._places[topic]
+        chunk = self._chunks[chunks[index]]
+        data = self._records(chunk, offsets[index], _FIRST_GUESS_BYTES, count=1)
+        message, _ = _message(data, 0, topic)
+        return topics.TOPICS[topic].unpack(message.data)
+
+    def _records(
+        self, chunk: ChunkPlace, offset: int, guess_bytes: int, *, count: int
+    ) -> memoryview:
+        """Return the bytes from a message on: it and those behind it, at least `count`."""
         head = self.container.bytes_at(chunk.start, RECORD_HEADER.size + CHUNK_HEAD_BYTES)
         extent = Extent(Opcode.CHUNK, chunk.start, chunk.size)
         if plain_chunk_bytes(head) is None:
             return read_chunk(self.container.body(extent)).records[offset:]
         start = chunk.start + RECORD_HEADER.size + CHUNK_HEAD_BYTES + offset
-        data = self.container.buffer_at(start, min(self._guess_bytes, extent.end - start))
-        needed = _two_records(data)
-        if needed > len(data):
-            data = self.container.buffer_at(start, min(needed, extent.end - start))
-            needed = _two_records(data)
-            data = self.container.buffer_at(start, min(needed, extent.end - start))
+        data = self.container.buffer_at(start, min(guess_bytes, extent.end - start))
+        while (needed := _bytes_of(count, data)) > len(data):
+            if needed > extent.end - start:
+                raise ValueError(f"the message at byte {start} runs over the end of its chunk")
+            data = self.container.buffer_at(start, needed)
         return memoryview(data)
 
     def _find(self, ids: list[int], chunks: list[ChunkPlace]) -> tuple[array[int], array[int]]:
@@ -136,10 +161,10 @@ class _File:
         return numbers, offsets
 
 
-def _two_records(data: bytearray) -> int:
-    """Return how long the first two records are, or as much of that as `data` tells."""
+def _bytes_of(count: int, data: bytearray | memoryview) -> int:
+    """Return how long the first `count` records are, or as much of that as `data` tells."""
     at = 0
-    for _ in range(2):
+    for _ in range(count):
         if at + RECORD_HEADER.size > len(data):
             return at + RECORD_HEADER.size
         _, length = RECORD_HEADER.unpack_from(data, at)

@@ -9,10 +9,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from rig.core.types import SIDES, Command, Frame, Intrinsics, Lost, Settings, Side
+from rig.core.types import SIDES, Frame, Intrinsics, Pair, Settings, Side
 from rig.core.units import NS_PER_S
+from rig.record import topics
+from rig.record.frames import Frames
 from rig.record.header import RECOVERY
-from rig.record.reader import Recording, open_recording
+from rig.record.reader import Recording
 from rig.record.totals import Totals
 
 Range = tuple[float, float, float]
@@ -64,19 +66,31 @@ class Info:
 
 
 def info(path: Path | str) -> Info:
-    """Read a whole recording and say what is in it.
+    """Read the settings and causes of a recording, not its pictures, and say what is in it.
 
-    Raises RecordingError when there is none, RecordingDamaged when it is cut short or corrupt.
+    Raises RecordingError when there is none, RecordingDamaged when it is cut short or its index
+    is corrupt; whether all is as it was recorded tells `verify`.
     """
-    recording = open_recording(path)
+    with Frames(path) as frames:
+        return _info(frames)
+
+
+def _info(frames: Frames) -> Info:
+    recording = frames.recording
     header = recording.header
     totals, times_ns = Totals(), list[int]()
-    primary, secondary = (_CameraTally() for _ in SIDES)
-    for record in recording.records():
-        totals.add(record.cause)
-        primary.add(record.shot.primary, record.applied.primary)
-        secondary.add(record.shot.secondary, record.applied.secondary)
-        times_ns += [shot.device_time_ns for shot in record.shot if isinstance(shot, Frame)][:1]
+    tallies = Pair(_CameraTally(), _CameraTally())
+    for trigger in range(len(frames)):
+        totals.add(frames.about(trigger, topics.PAIR)["cause"])
+        metas = [frames.about(trigger, topics.frame_meta(side)) for side in SIDES]
+        taken = [meta["status"] == "taken" for meta in metas]
+        for tally, meta, came in zip(tallies, metas, taken, strict=True):
+            if came:
+                tally.add(meta)
+        times_ns += [m["device_time_ns"] for m, came in zip(metas, taken, strict=True) if came][:1]
+    for side, tally in zip(SIDES, tallies, strict=True):
+        tally.pixel_format = _pixel_format(frames, side)
+    primary, secondary = tallies
     duration_s = (times_ns[-1] - times_ns[0]) / NS_PER_S if times_ns else 0.0
     return Info(
         file=str(recording.path),
@@ -107,11 +121,12 @@ class _CameraTally:
     not_taken: int = 0
     pixel_format: str = ""
 
-    def add(self, shot: Frame | Lost, applied: Command) -> None:
-        if isinstance(shot, Frame):
-            self.used.append(shot.used)
-            self.pixel_format = shot.pixel_format
-            self.not_taken += isinstance(applied, Settings) and not _close(shot.used, applied)
+    def add(self, meta: Mapping[str, Any]) -> None:
+        used = Settings(**meta["used"])
+        self.used.append(used)
+        applied = meta["applied"]
+        if applied["mode"] == "settings":
+            self.not_taken += not _close(used, Settings(**applied["settings"]))
 
     def info(self, recording: Recording, side: Side) -> CameraInfo:
         intrinsics: Intrinsics = getattr(recording.header.intrinsics, side)
@@ -126,6 +141,15 @@ class _CameraTally:
             gain_db=_range([used.gain_db for used in self.used]),
             settings_not_taken=self.not_taken,
         )
+
+
+def _pixel_format(frames: Frames, side: Side) -> str:
+    """Return the format of the first frame that came; empty without one."""
+    for trigger in range(len(frames)):
+        if frames.about(trigger, topics.frame_meta(side))["status"] == "taken":
+            shot = frames.frame(trigger, side)
+            return shot.pixel_format if isinstance(shot, Frame) else ""
+    return ""
 
 
 def _close(used: Settings, applied: Settings) -> bool:

@@ -55,6 +55,9 @@ class Scan:
 
     def run(self) -> None:
         """Walk to the end of the data, or to where nothing more can be read."""
+        first = next(self.source.extents(), None)
+        if first is None or first.opcode != Opcode.HEADER:
+            return
         while True:
             extent = next(self.source.extents(self.end), None)
             if extent is None or (extent.opcode not in _EXPECTED and extent.opcode < _PRIVATE):
