@@ -155,7 +155,7 @@ def test_train_leaves_a_proven_network_and_its_card(files: list[Path], tmp_path:
     out = tmp_path / "new" / "net.onnx"
     result = train(
         files, "toy", out,
-        seed=1, epochs=3, batch_size=8, learning_rate=1e-3, progress=seen.append,
+        seed=1, epochs=12, batch_size=8, learning_rate=3e-3, patience=12, progress=seen.append,
     )  # fmt: skip
     assert sorted(path.name for path in out.parent.iterdir()) == ["net.md", "net.onnx"]
     assert result.model == out
@@ -163,14 +163,14 @@ def test_train_leaves_a_proven_network_and_its_card(files: list[Path], tmp_path:
     assert result.parity.spread >= 0.01
     assert len(result.split.training) == len(result.split.held_back) == 1
     assert (result.training_samples, result.validation_samples) == (30, 30)
-    assert len(result.history) == 3
+    assert len(result.history) == 12
     assert all(isinstance(loss, EpochLoss) and loss.validation for loss in result.history)
-    assert [(now.epoch, now.batch, now.batches) for now in seen][-1] == (2, 3, 3)
+    assert [(now.epoch, now.batch, now.batches) for now in seen][-1] == (11, 3, 3)
     properties = {p.key: p.value for p in onnx.load(out).metadata_props}
     assert properties["training_sha256"] == result.training_sha256
     card = result.card.read_text()
     held_back = result.split.held_back[0].name
-    assert "rig train --net toy one.npz two.npz --seed 1 --epochs 3" in card
+    assert "rig train --net toy one.npz two.npz --seed 1 --epochs 12" in card
     assert f"--hold-back {held_back} --out net.onnx" in card
     for source in (*result.split.training, *result.split.held_back):
         assert f"rig collect --cameras {shlex.quote(source.cameras)} --seed {source.seed}" in card
