@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.core.types import Decision, Frame, Pair, PairRecord, Settings
 from rig.web.live import LiveView
-from rig.web.watch import WatchedRecorder
+from rig.web.watch import WatchedRecorder, warm_up
 
 TOKEN = "a-token-for-the-bench"
 SETTINGS = Settings(1000.0, 0.0)
@@ -99,6 +99,7 @@ def main() -> None:
     images = [
         np.clip(scene + rng.normal(0, 4, scene.shape), 0, 255).astype(np.uint8) for _ in range(4)
     ]
+    warm_up()
     for rate_hz in (10.0, 55.0):
         for watched in (False, True):
             print(drive(rate_hz, options.seconds, images, watched), flush=True)

@@ -63,6 +63,7 @@ def watched(
         if view is None:
             yield recorder
             return
-        from rig.web.watch import WatchedRecorder
+        from rig.web.watch import WatchedRecorder, warm_up
 
+        warm_up()
         yield WatchedRecorder(recorder, view.slot, folder.name, folder, triggers)

@@ -70,6 +70,15 @@ class Told:
     lost: dict[str, int]
 
 
+def warm_up() -> None:
+    """Match two small pictures, so that compiled code is loaded before the first trigger."""
+    rng = np.random.default_rng(0)
+    front_end = OrbFrontEnd(size_px=None)
+    noise = rng.integers(0, 255, (240, 320)).astype(np.uint8)
+    features = front_end.features(noise)
+    front_end.match(features, features)
+
+
 def describe(told: Told, last: PairRecord | None, record: PairRecord) -> dict[str, Any]:
     """Return the state of a run for the page."""
     frames, total = _frames(record), told.triggers or "endless"
