@@ -41,10 +41,12 @@ def kim_small(grey: NDArray[np.uint8]) -> float:
 def _gradient(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the sum of the rising central differences, 0..1.
 
-    The code computes them in 8 bits, where a falling edge is 0, and saturates the sum.
+    The code computes them in 8 bits, where a falling edge is 0, and saturates the sum. Its border
+    is mirrored, so a difference across it is 0.
     """
-    across = cv2.Sobel(grey, cv2.CV_8U, 1, 0, ksize=1)
-    down = cv2.Sobel(grey, cv2.CV_8U, 0, 1, ksize=1)
+    across, down = np.zeros_like(grey), np.zeros_like(grey)
+    across[:, 1:-1] = cv2.subtract(grey[:, 2:], grey[:, :-2])
+    down[1:-1] = cv2.subtract(grey[2:], grey[:-2])
     both = cv2.addWeighted(across, GRADIENT_GAIN, down, GRADIENT_GAIN, 0)
     return np.asarray(both, np.float32) * np.float32(1 / 255)
 
@@ -61,34 +63,39 @@ def local_entropy(grey: NDArray[np.uint8]) -> NDArray[np.float32]:
     shares = np.arange(NEIGHBOURS_PX**2 + 1) / NEIGHBOURS_PX
     table = np.zeros(len(shares))
     table[1:] = shares[1:] * np.log2(shares[1:])
-    entropy = _entropies(np.asarray(wider, np.uint8).ravel(), grey.shape[0], grey.shape[1], table)
+    before = np.zeros(2 * edge, np.uint8)  # what the code reads there is before its array
+    flat = np.concatenate([before, np.asarray(wider, np.uint8).ravel()])
+    entropy = _entropies(flat, grey.shape[0], grey.shape[1], np.diff(table))
     low, high = float(entropy.min()), float(entropy.max())
     return np.asarray((entropy - low) / (high - low if high > low else 1.0), np.float32)
 
 
 @njit(cache=True, nogil=True)
 def _entropies(
-    wider: NDArray[np.uint8], height: int, width: int, table: NDArray[np.float64]
+    flat: NDArray[np.uint8], height: int, width: int, steps: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the entropies from the flat, widened picture, where a row runs on into the next.
 
-    The window slides along a row: one column of five leaves it and one enters.
+    The window slides along a row: one column of five leaves it and one enters. `steps` is by how
+    much the sum grows when a count does.
     """
     entropy = np.zeros((height, width))
     stride = width + 4
+    counts = np.zeros(256, np.int32)
     for y in range(height - 2):
-        counts = np.zeros(256, np.int64)
+        counts[:] = 0
         total = 0.0
-        first = y * stride - 2
+        first = y * stride + 2
         for column in range(-5, width - 2):
             for k in range(5):
-                entering = wider[max(first + k * stride + column + 4, 0)]
-                total -= table[counts[entering] + 1] - table[counts[entering]]
+                entering = flat[first + k * stride + column + 4]
+                total -= steps[counts[entering]]
                 counts[entering] += 1
-                if column > -1:
-                    leaving = wider[max(first + k * stride + column - 1, 0)]
-                    total -= table[counts[leaving] - 1] - table[counts[leaving]]
+            if column > -1:
+                for k in range(5):
+                    leaving = flat[first + k * stride + column - 1]
                     counts[leaving] -= 1
+                    total += steps[counts[leaving]]
             if column >= 0:
                 entropy[y, column] = total
     return entropy
