@@ -28,7 +28,7 @@ _SPOILT_BY = {"timeout": "packets missing", "missing packets": "packets missing"
 
 _EXPOSURE_TOLERANCE_US = 1.0
 _GAIN_TOLERANCE_DB = 0.1
-_CLOCK_TRIES = 10
+_CLOCK_TRIES = 30
 
 Trigger = Literal["software", "line"]
 
@@ -191,7 +191,7 @@ class ArmedCamera:
         while True:
             self._check_control()
             left_s = (deadline_ns - self._clock.now_ns()) / NS_PER_S
-            arrived = self._pop(min(max(left_s, 0.0), INTERRUPTIBLE_S))
+            arrived = self.next_picture(min(max(left_s, 0.0), INTERRUPTIBLE_S))
             if isinstance(arrived, Picture):
                 frame = self._prove(arrived)
                 if frame is not None:
@@ -202,7 +202,8 @@ class ArmedCamera:
                 cause = self._why_no_frame()
                 raise GrabTimeout(f"{self.serial}: no frame within {timeout_s:g} s; {cause}", cause)
 
-    def _pop(self, timeout_s: float) -> Picture | Spoiled | None:
+    def next_picture(self, timeout_s: float) -> Picture | Spoiled | None:
+        """Return the next picture as it comes, unproven; None when none came in time."""
         assert self._opened.stream is not None
         return self._opened.stream.pop(timeout_s)
 

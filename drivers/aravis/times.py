@@ -8,8 +8,14 @@ from dataclasses import dataclass, field
 
 from rig.core.protocols import Clock
 
-REFIT_NS = 5_000_000_000
-"""How long a fit of a camera's clock is trusted: 50 ppm of drift come to 0.25 ms."""
+REFIT_NS = 2_000_000_000
+"""How long a fit of a camera's clock is left alone."""
+
+DRIFT_PPM = 50
+"""How far two clocks may part: quartz in a warm housing against quartz in a computer."""
+
+GOOD_ERROR_NS = 50_000
+"""A look at a clock that is this exact is good enough; until one is, there are more looks."""
 
 MAX_CLOCK_ERROR_NS = 1_000_000
 """How far a picture may seem to begin before its trigger, for the error of the clocks' fit."""
@@ -67,14 +73,24 @@ class ClockFit:
         return device_ns + self.offset_ns
 
     def refit(self, tries: int) -> None:
-        """Measure the offset: the best of some tries counts, and its error is known."""
-        looks = [self.latch() for _ in range(tries)]
-        before_ns, device_ns, after_ns = min(looks, key=lambda look: look[2] - look[0])
-        self.offset_ns = (before_ns + after_ns) // 2 - device_ns
-        self.error_ns = (after_ns - before_ns + 1) // 2
-        self.fitted_ns = after_ns
+        """Look at most `tries` times and take the most exact look, unless the fit is better.
+
+        A busy computer looks slowly: then the old fit stays, and its error grows with the drift.
+        """
+        for _ in range(tries):
+            before_ns, device_ns, after_ns = self.latch()
+            error_ns = (after_ns - before_ns + 1) // 2
+            if self.fitted_ns is None or error_ns < self._grown_error_ns(after_ns):
+                self.offset_ns = (before_ns + after_ns) // 2 - device_ns
+                self.error_ns, self.fitted_ns = error_ns, after_ns
+            if error_ns <= GOOD_ERROR_NS:
+                return
 
     def keep_fresh(self) -> None:
         """Measure again when the last fit is old."""
         if self.fitted_ns is None or self.clock.now_ns() - self.fitted_ns > REFIT_NS:
-            self.refit(tries=3)
+            self.refit(tries=2)
+
+    def _grown_error_ns(self, now_ns: int) -> int:
+        assert self.fitted_ns is not None
+        return self.error_ns + (now_ns - self.fitted_ns) * DRIFT_PPM // 1_000_000

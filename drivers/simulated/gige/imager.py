@@ -147,7 +147,8 @@ class Imager:
         model = msgspec.structs.replace(self.optics.model, controls=controls, timing=timing)
         output = Wire(self.world, 0, [self._rose], [self._fell])
         link = Link(self.world, _INSTANT_BYTES_PER_S)
-        overlap: Overlap = "off" if self._selected("TriggerOverlap") == "Off" else "readout"
+        waits = self._triggered() and self._selected("TriggerOverlap") == "Off"
+        overlap: Overlap = "off" if waits else "readout"
         return SimulatedCamera(
             self.optics.serial,
             model,
