@@ -36,21 +36,27 @@ class SettingsGrid:
         stops = brightness_ev(self.cells())
         return np.abs(stops[:, None] - stops)
 
-    def corners(
+    def between(
         self, settings: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the four cells around N settings and their bilinear weights, both N x 4.
+        """Return the lowest of the four cells around N settings, and how far beyond it they lie.
 
-        `settings` is N x (exposure_us, gain_db); those outside the grid count as on its edge.
+        `settings` is N x (exposure_us, gain_db); those outside the grid count as on its edge. The
+        second is N x (exposure, gain) in 0..1 of the way to the next cell.
         """
         rows, row_parts = _between(np.log(settings[:, 0]), np.log(self.exposures_us))
         columns, column_parts = _between(settings[:, 1], np.array(self.gains_db))
-        width = len(self.gains_db)
-        cells = [(rows + i) * width + columns + j for i in (0, 1) for j in (0, 1)]
-        weights = [
-            np.abs(1 - i - row_parts) * np.abs(1 - j - column_parts) for i in (0, 1) for j in (0, 1)
-        ]
-        return np.stack(cells, axis=1), np.stack(weights, axis=1)
+        return rows * len(self.gains_db) + columns, np.stack([row_parts, column_parts], axis=1)
+
+    def corners(
+        self, settings: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the four cells around N settings and their bilinear weights, both N x 4."""
+        lowest, parts = self.between(settings)
+        rows, columns = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+        cells = lowest[:, None] + rows * len(self.gains_db) + columns
+        weights = np.abs(1 - rows - parts[:, :1]) * np.abs(1 - columns - parts[:, 1:])
+        return cells, weights
 
 
 def path_grid(

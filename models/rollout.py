@@ -77,13 +77,26 @@ def look(
 
 
 def matches(drive: SeenDrive, grid: SettingsGrid, used: Settings2) -> NDArray[np.float64]:
-    """Return the P-1 counts between consecutive pictures of a journey with these settings."""
-    cells, weights = grid.corners(used)
+    """Return the P-1 counts between consecutive pictures of a journey with these settings.
+
+    Between cells a move is a mixture of moves between cells in which both ends shift together as
+    far as they can: resting between two cells is a mixture of resting on either.
+    """
+    cells, _ = grid.corners(used)
+    _, parts = grid.between(used)
     between = drive.moves[
         np.arange(len(used) - 1)[:, None, None], cells[:-1, :, None], cells[1:, None, :]
     ]
-    counts = np.einsum("tij,ti,tj->t", between.astype(np.float64), weights[:-1], weights[1:])
-    return np.asarray(counts)
+    exposure, gain = (_together(parts[:-1, axis], parts[1:, axis]) for axis in (0, 1))
+    weights = np.einsum("tij,tkl->tikjl", exposure, gain).reshape(between.shape)
+    return np.asarray((between * weights).sum((1, 2)))
+
+
+def _together(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return N x 2 x 2 weights with these upper shares, as much of it on the diagonal as can be."""
+    both = np.minimum(before, after)
+    neither = np.minimum(1 - before, 1 - after)
+    return np.stack([neither, after - both, before - both, both], axis=1).reshape(-1, 2, 2)
 
 
 def clamped(settings: Settings2, limits: Limits = THESIS_LIMITS) -> Settings2:

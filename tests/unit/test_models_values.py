@@ -66,6 +66,18 @@ def test_a_car_on_a_cell_sees_its_picture_and_gets_its_matches() -> None:
     )
 
 
+def test_resting_between_two_cells_is_a_mixture_of_resting_on_either() -> None:
+    drive = make_drive(1)
+    cells = GRID.cells()
+    between = np.array([np.sqrt(cells[0, 0] * cells[4, 0]), 0.0])
+    resting = matches(drive, GRID, np.tile(between, (40, 1)))
+    assert np.allclose(resting, (drive.moves[:, 0, 0] + drive.moves[:, 4, 4]) / 2.0)
+    away = np.tile(between, (40, 1))
+    away[1::2] = cells[4]
+    moving = matches(drive, GRID, away)[0]
+    assert moving == pytest.approx((drive.moves[0, 0, 4] + drive.moves[0, 4, 4]) / 2.0)
+
+
 def test_between_two_cells_a_picture_is_between_theirs() -> None:
     drive = make_drive(1)
     cells = GRID.cells()
