@@ -46,6 +46,11 @@ ITEMS: Mapping[str, Item] = {
         "light_step",
         "words_of_steps",
     ),
+    "fig-4.7": Item(
+        "whether more features in a picture give a better pose",
+        "rig.experiments.feature_count",
+        "measure",
+    ),
 }
 """Every experiment under the name by which `rig reproduce --only` finds it."""
 
