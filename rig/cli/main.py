@@ -56,6 +56,10 @@ COMMANDS = {
         "Run the experiments behind the published tables and figures.",
         "rig reproduce --only rival-tuning --quick",
     ),
+    "calibrate-aperture": Told(
+        "Make both lenses let the same light through, and prove it (thesis 5.1.1).",
+        "rig calibrate-aperture --cameras sim:wall --auto",
+    ),
     "calibrate-intrinsics": Told(
         "Measure focal lengths, distortion and the baseline from views of a board.",
         "rig calibrate-intrinsics --board charuco:9x6 --square-mm 30 --cameras "
