@@ -76,8 +76,8 @@ def _entropies(
 ) -> NDArray[np.float64]:
     """Return the entropies from the flat, widened picture, where a row runs on into the next.
 
-    The window slides along a row: one column of five leaves it and one enters. `steps` is by how
-    much the sum grows when a count does.
+    The window slides along a row: one column of five leaves it before one enters, so that no count
+    is ever above 25. `steps` is by how much the sum grows when a count does.
     """
     entropy = np.zeros((height, width))
     stride = width + 4
@@ -87,15 +87,15 @@ def _entropies(
         total = 0.0
         first = y * stride + 2
         for column in range(-5, width - 2):
-            for k in range(5):
-                entering = flat[first + k * stride + column + 4]
-                total -= steps[counts[entering]]
-                counts[entering] += 1
             if column > -1:
                 for k in range(5):
                     leaving = flat[first + k * stride + column - 1]
                     counts[leaving] -= 1
                     total += steps[counts[leaving]]
+            for k in range(5):
+                entering = flat[first + k * stride + column + 4]
+                total -= steps[counts[entering]]
+                counts[entering] += 1
             if column >= 0:
                 entropy[y, column] = total
     return entropy
