@@ -13,7 +13,8 @@ class AeController:
     """Leaves exposure to the camera and keeps `gain_db`, or the nearest gain that there is.
 
     `target_dn` is the mean grey to aim for, in (0, 255]; `damping` in [0, 1) the share of each
-    correction that is held back; `exposure_us_max` caps the exposure below the camera's limit.
+    correction that is held back; `exposure_us_max` caps the exposure below the camera's limit;
+    `metering` is the part of the picture that counts: average, lower, partial or spot.
     Raises ValueError when one is out of range.
     """
 
@@ -21,12 +22,18 @@ class AeController:
     target_dn: float = 110.0
     damping: float = 0.5
     exposure_us_max: float = 30_000.0
+    metering: str = "average"
     start_us: float = 1_000.0
     _both: AeagController = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._both = AeagController(
-            self.target_dn, self.damping, self.exposure_us_max, self.start_us, self.gain_db
+            self.target_dn,
+            self.damping,
+            self.exposure_us_max,
+            self.metering,
+            start_us=self.start_us,
+            start_db=self.gain_db,
         )
 
     def reset(self, limits: Limits) -> Command:

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, cast
 
 from rig.core.autoexposure import AutoExposure
 from rig.core.errors import ControllerError
-from rig.core.types import THESIS_LIMITS, Auto, Command, Diagnostics, Frame, Limits, Settings
+from rig.core.types import (
+    THESIS_LIMITS,
+    Auto,
+    Command,
+    Diagnostics,
+    Frame,
+    Limits,
+    Metering,
+    Priority,
+    Settings,
+)
 
 
 @dataclass(slots=True)
@@ -17,30 +27,38 @@ class AeagController:
 
     `target_dn` is the mean grey to aim for, in (0, 255]; `damping` in [0, 1) the share of each
     correction that is held back; `exposure_us_max` caps the exposure below the camera's limit;
-    `start_us` and `start_db` are where the camera begins. Raises ValueError when one is out of
-    range.
+    `metering` is the part of the picture that counts (average, lower, partial or spot) and
+    `priority` what is kept low (gain or exposure), as in `Auto`; `start_us` and `start_db` are
+    where the camera begins. Raises ValueError when one is out of range.
     """
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Mapping[str, str]]]] = {
         "preset": {
             "tuned": {},
-            "vendor": {"target_dn": "110", "damping": "0.5", "exposure_us_max": "30000"},
+            "vendor": {
+                "target_dn": "110",
+                "damping": "0.5",
+                "exposure_us_max": "30000",
+                "metering": "average",
+                "priority": "gain",
+            },
         }
     }
 
     target_dn: float = 110.0
     damping: float = 0.5
     exposure_us_max: float = THESIS_LIMITS.exposure_us[1]
+    metering: str = "average"
+    priority: str = "gain"
     start_us: float = 1_000.0
     start_db: float = 0.0
     _command: Auto = field(init=False)
 
     def __post_init__(self) -> None:
-        start = Settings(self.start_us, self.start_db)
-        AutoExposure(THESIS_LIMITS, self.target_dn, self.damping, start)
         if not self.exposure_us_max > 0:
             raise ValueError(f"exposure_us_max must be > 0, got {self.exposure_us_max!r}")
-        self._command = Auto(THESIS_LIMITS, self.target_dn, self.damping, start)
+        self._command = self._within(THESIS_LIMITS)
+        AutoExposure.begun(self._command)
 
     def reset(self, limits: Limits) -> Command:
         """Return the command; raises ControllerError when no exposure is left under the cap."""
@@ -51,8 +69,7 @@ class AeagController:
                 f"exposure, {shortest_us:g} us; raise the cap"
             )
         capped = Limits((shortest_us, min(longest_us, self.exposure_us_max)), limits.gain_db)
-        start = Settings(self.start_us, self.start_db).clamp(capped)
-        self._command = Auto(capped, self.target_dn, self.damping, start)
+        self._command = self._within(capped)
         return self._command
 
     def step(self, frame: Frame) -> Command:
@@ -62,3 +79,13 @@ class AeagController:
     def diagnostics(self) -> Diagnostics:
         """Return nothing: the camera's used settings say what it did."""
         return {}
+
+    def _within(self, limits: Limits) -> Auto:
+        return Auto(
+            limits,
+            self.target_dn,
+            self.damping,
+            Settings(self.start_us, self.start_db).clamp(limits),
+            cast("Metering", self.metering),
+            cast("Priority", self.priority),
+        )

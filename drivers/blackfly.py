@@ -14,8 +14,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+from rig.core.autoexposure import LOWER_SHARE
 from rig.core.errors import CameraError
-from rig.core.types import Auto, Limits, Settings
+from rig.core.types import Auto, Limits, Metering, Priority, Settings
 
 _LOG = logging.getLogger(__name__)
 
@@ -64,6 +65,11 @@ class End(str):
 
 
 LOWEST, HIGHEST = End("lowest"), End("highest")
+LOWER = End("lower part")
+"""Stands for the rows of the lower part of a number of rows, where that is the highest."""
+
+PIXEL_STEP = 4
+"""Regions begin and end on multiples of this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +126,13 @@ BLACKFLY_S = CameraType(
     name="Blackfly S",
     optional=frozenset(
         {
+            "AasRoiEnable",
+            "AasRoiHeight",
+            "AasRoiOffsetX",
+            "AasRoiOffsetY",
+            "AasRoiWidth",
             "AcquisitionFrameRateEnable",
+            "AutoAlgorithmSelector",
             "AutoExposureControlLoopDamping",
             "AutoExposureControlPriority",
             "AutoExposureExposureTimeLowerLimit",
@@ -298,12 +310,45 @@ def auto_steps(auto: Auto) -> Iterator[Step]:
     yield Write("AutoExposureTargetGreyValueAuto", "Off")
     yield Write("AutoExposureTargetGreyValue", percent(auto.target_dn))
     yield Write("AutoExposureControlLoopDamping", auto.damping)
-    yield Write("AutoExposureControlPriority", "ExposureTime")
-    yield Write("AutoExposureMeteringMode", "Average")
+    yield Write("AutoExposureControlPriority", PRIORITY_WORDS[auto.priority])
+    yield Write("AutoExposureMeteringMode", METERING_WORDS[auto.metering])
+    yield from _region_steps(auto.metering)
     yield from _limit_steps("AutoExposureExposureTime", auto.limits.exposure_us)
     yield from _limit_steps("AutoExposureGain", auto.limits.gain_db)
     yield Write("ExposureAuto", "Continuous")
     yield Write("GainAuto", "Continuous")
+
+
+PRIORITY_WORDS: Mapping[Priority, str] = {"gain": "Gain", "exposure": "ExposureTime"}
+"""Gain priority keeps gain lowest while exposure suffices; the other keeps exposure short."""
+
+METERING_WORDS: Mapping[Metering, str] = {
+    "average": "Average",
+    "lower": "Average",
+    "partial": "Partial",
+    "spot": "Spot",
+}
+"""The lower part is an average over a region of interest."""
+
+
+def _region_steps(metering: Metering) -> Iterator[Step]:
+    """Yield what makes the camera meter all of the picture, or the lower part alone."""
+    yield Write("AutoAlgorithmSelector", "Ae")
+    if metering != "lower":
+        yield Write("AasRoiEnable", False)
+        return
+    yield Write("AasRoiOffsetX", LOWEST)
+    yield Write("AasRoiOffsetY", LOWEST)
+    yield Write("AasRoiWidth", HIGHEST)
+    yield Write("AasRoiHeight", LOWER)
+    yield Write("AasRoiOffsetY", HIGHEST)
+    yield Write("AasRoiEnable", True)
+
+
+def metering_of(done: Mapping[str, Value | None], asked: Metering) -> Metering:
+    """Return how a camera meters after `auto_steps`, by the nodes that it has."""
+    needed = "AasRoiEnable" if asked == "lower" else "AutoExposureMeteringMode"
+    return asked if needed in done else "average"
 
 
 def percent(target_dn: float) -> float:
@@ -364,7 +409,9 @@ def _carry_out(nodes: NodeMap, step: Step, name: str) -> Done:
 def _inside(nodes: NodeMap, name: str, value: Value) -> Value:
     """Return a number inside the node's range; anything else as it is."""
     if isinstance(value, End):
-        return nodes.bounds(name)[0 if value is LOWEST else 1]
+        low, high = nodes.bounds(name)
+        lower_part = int(LOWER_SHARE * high) // PIXEL_STEP * PIXEL_STEP
+        return {LOWEST: low, HIGHEST: high, LOWER: lower_part}[value]
     if isinstance(value, bool | str):
         return value
     low, high = nodes.bounds(name)

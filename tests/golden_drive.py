@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rig.controllers.registry import ALIASES, CONTROLLERS, make_controller
-from rig.core.autoexposure import AutoExposure
+from rig.core.autoexposure import AutoExposure, metered_dn
 from rig.core.types import THESIS_LIMITS, Auto, Frame, Settings
 from rig.core.units import gain_factor
 
@@ -34,15 +34,14 @@ def trace(spec: str) -> dict[str, Any]:
     used: list[list[float]] = []
     for number in range(FRAMES_A_LIGHT * len(LIGHTS_DN_PER_US)):
         if isinstance(command, Auto):
-            law = law or AutoExposure(
-                command.limits, command.target_dn, command.damping, command.start
-            )
+            law = law or AutoExposure.begun(command)
             settings = law.settings
         else:
             settings = rounded(command)
         frame = shoot(number, settings)
         used.append([round(settings.exposure_us, 1), round(settings.gain_db, 2)])
-        law = law.after(float(frame.image.mean())) if law else None
+        if law is not None and isinstance(command, Auto):
+            law = law.after(metered_dn(frame.image, command.metering))
         command = named.controller.step(frame)
     return {"options": dict(named.options), "used": used}
 

@@ -37,7 +37,9 @@ HEADER = RunHeader(
     options={"frames": "5", "leader": "ae"},
     models={"ours": "ff00"},
 )
-AUTO = Auto(Limits((75.0, 9_000.0), (0.0, 12.0)), 99.5, 0.25, Settings(1_234.5, 1.5))
+AUTO = Auto(
+    Limits((75.0, 9_000.0), (0.0, 12.0)), 99.5, 0.25, Settings(1_234.5, 1.5), "spot", "exposure"
+)
 DECISION = Decision("shin", Settings(701.25, 0.5), 0.125, {"score": 0.1, "state": "expanding"})
 TRUTH = Truth((1.0, 2.5, 3.0), (0.0, 0.1, 0.2, 0.97), 512.25)
 

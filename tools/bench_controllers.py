@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.controllers.registry import ALIASES, CONTROLLERS, make_controller
-from rig.core.autoexposure import AutoExposure
-from rig.core.types import THESIS_LIMITS, Auto, Command, Frame, Settings
+from rig.core.autoexposure import AutoExposure, metered_dn
+from rig.core.types import THESIS_LIMITS, Command, Frame, Settings
 from rig.core.units import gain_factor
 from rig.vision.bayer import to_bgr, to_grey, to_rgb224
 from rig.vision.matching import mutual_matches
@@ -65,9 +65,9 @@ class Loop:
     def frame(self) -> Frame:
         if isinstance(self._command, Settings):
             return shoot(self._wall, self._command)
-        law = self._law or _law(self._command)
+        law = self._law or AutoExposure.begun(self._command)
         frame = shoot(self._wall, law.settings)
-        self._law = law.after(float(frame.image.mean()))
+        self._law = law.after(metered_dn(frame.image, self._command.metering))
         return frame
 
     def decide(self, frame: Frame) -> float:
@@ -80,10 +80,6 @@ class Loop:
     @property
     def command(self) -> Command:
         return self._command
-
-
-def _law(command: Auto) -> AutoExposure:
-    return AutoExposure(command.limits, command.target_dn, command.damping, command.start)
 
 
 def bench_decisions(specs: list[str], wall: NDArray[np.float32]) -> None:

@@ -324,6 +324,8 @@ class ArmedCamera:
             target_dn=asked.target_dn if exact else _number(target) * 255.0 / 100.0,
             damping=_number(done.get("AutoExposureControlLoopDamping", asked.damping)),
             start=_settings(exposure, gain),
+            metering=blackfly.metering_of(done, asked.metering),
+            priority=asked.priority if "AutoExposureControlPriority" in done else "gain",
         )
 
     def _can_latch(self) -> bool:

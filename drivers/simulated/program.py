@@ -6,8 +6,11 @@ import math
 from collections import deque
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.config import Controls
-from rig.core.autoexposure import AutoExposure
+from rig.core.autoexposure import AutoExposure, metered_dn
 from rig.core.types import Auto, Command, Limits, Settings
 
 
@@ -42,24 +45,16 @@ class ExposureProgram:
         assert self._law is not None
         return round_settings(self._law.settings, self._law.limits, self._controls)
 
-    def wants_mean(self) -> bool:
-        """Return whether the camera's own law is at work and needs to see the picture."""
-        return self._law is not None
-
-    def saw(self, mean_dn: float) -> None:
-        """Tell the camera's own law the mean of a picture that was read out, 0..255."""
-        if self._law is not None:
-            self._law = self._law.after(mean_dn)
+    def saw(self, image: NDArray[np.uint8]) -> None:
+        """Show the camera's own law, where that is at work, a picture that was read out."""
+        if self._law is not None and isinstance(self._command, Auto):
+            self._law = self._law.after(metered_dn(image, self._command.metering))
 
     def _become(self, command: Command) -> None:
         if command == self._command:
             return
         self._command = command
-        self._law = None
-        if isinstance(command, Auto):
-            self._law = AutoExposure(
-                command.limits, command.target_dn, command.damping, command.start
-            )
+        self._law = AutoExposure.begun(command) if isinstance(command, Auto) else None
 
 
 def round_command(command: Command, controls: Controls) -> Command:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Generic, Literal, NamedTuple, TypeVar
+from typing import Generic, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,19 +79,37 @@ class Settings:
         )
 
 
+Metering = Literal["average", "lower", "partial", "spot"]
+"""The part of the picture whose mean counts: all of it, its lower 70 %, or a middle part."""
+
+Priority = Literal["gain", "exposure"]
+"""What is kept low, in the words of the camera: gain (little noise) or exposure (little blur)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Auto:
     """A command to the camera itself: expose on your own, inside these limits.
 
     `target_dn` is the mean grey of the 8-bit picture to aim for, 0..255. `damping` in [0, 1) is
     the share of each correction that is held back: 0 corrects at once. `start` is where the law
-    begins; the camera keeps its state as long as the command stays equal.
+    begins; the camera keeps its state as long as the command stays equal. `metering` and `priority`
+    are the camera's own AutoExposureMeteringMode and AutoExposureControlPriority; ValueError for a
+    word that is neither.
     """
 
     limits: Limits = THESIS_LIMITS
     target_dn: float = 110.0
     damping: float = 0.5
     start: Settings = Settings(1_000.0, 0.0)
+    metering: Metering = "average"
+    priority: Priority = "gain"
+
+    def __post_init__(self) -> None:
+        for name, known in (("metering", get_args(Metering)), ("priority", get_args(Priority))):
+            if getattr(self, name) not in known:
+                raise ValueError(
+                    f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}"
+                )
 
 
 Command = Settings | Auto

@@ -110,6 +110,8 @@ def _auto_words(auto: Auto) -> dict[str, Any]:
         "gain_db": list(auto.limits.gain_db),
         "target_dn": auto.target_dn,
         "damping": auto.damping,
+        "metering": auto.metering,
+        "priority": auto.priority,
         "start": command_words(auto.start),
     }
 

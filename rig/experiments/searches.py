@@ -242,8 +242,7 @@ def _follow(piece: tuple[str, int]) -> dict[str, Any]:
             frame = camera.take(program.next_exposure(), light)
             used.append(frame.used)
             means.append(mean_dn(frame.image))
-            if program.wants_mean():
-                program.saw(means[-1])
+            program.saw(frame.image)
             program.ask(controller.step(frame))
     return {
         "controller": spec,

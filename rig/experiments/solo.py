@@ -60,14 +60,12 @@ class _Seat:
         seeds = np.random.SeedSequence([source.drive.noise_seed, 0, trigger])
         noise_seed = int(seeds.generate_state(1, np.uint64)[0])
         image = sensor.develop(view.exposed(used.exposure_us), used, noise_seed)
-        mean = mean_dn(image)
-        if self._program.wants_mean():
-            self._program.saw(mean)
+        self._program.saw(image)
         time_ns = round(source.drive.scene_time_s(trigger) * NS_PER_S)
         pixel_format = source.drive.model.picture.format
         frame = Frame(image, pixel_format, trigger, time_ns, time_ns, used)
         self.used.append(used)
-        self.means_dn.append(mean)
+        self.means_dn.append(mean_dn(image))
         self.inliers.append(self._counter.count(trigger, grey_of(frame)))
         self._program.ask(self.named.controller.step(frame))
 

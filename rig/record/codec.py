@@ -252,6 +252,8 @@ def _command(command: Command) -> dict[str, Any]:
         "gain_db_hi": gain_db[1],
         "target_dn": auto.target_dn if auto else NAN,
         "damping": auto.damping if auto else NAN,
+        "metering": auto.metering if auto else "",
+        "priority": auto.priority if auto else "",
     }
 
 
@@ -334,7 +336,14 @@ def _to_command(values: Mapping[str, Any]) -> Command:
         raise ValueError(f"{values['mode']!r} is no mode of a command")
     exposure_us = (values["exposure_us_lo"], values["exposure_us_hi"])
     gain_db = (values["gain_db_lo"], values["gain_db_hi"])
-    return Auto(Limits(exposure_us, gain_db), values["target_dn"], values["damping"], settings)
+    return Auto(
+        Limits(exposure_us, gain_db),
+        values["target_dn"],
+        values["damping"],
+        settings,
+        values["metering"],
+        values["priority"],
+    )
 
 
 def _to_decision(message: Message | None) -> Decision | None:

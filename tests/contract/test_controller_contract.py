@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from rig.controllers.registry import ALIASES, CONTROLLERS, make_controller
-from rig.core.autoexposure import AutoExposure
+from rig.core.autoexposure import AutoExposure, metered_dn
 from rig.core.protocols import Controller
 from rig.core.types import THESIS_LIMITS, Auto, Command, Frame, Limits, Settings
 from rig.core.units import gain_factor
@@ -46,7 +46,8 @@ class AnalyticCamera:
         brightness = light_dn_per_us * used.exposure_us * gain_factor(used.gain_db)
         image = np.clip(self.texture * brightness, 0, 255).astype(np.uint8)
         if self.auto is not None:
-            self.auto = self.auto.after(float(image.mean()))
+            assert self.asked is not None
+            self.auto = self.auto.after(metered_dn(image, self.asked.metering))
         self.sequence += 1
         time_ns = self.sequence * 100_000_000
         return Frame(image, "bayer_rggb8", self.sequence - 1, time_ns, time_ns, used)
@@ -57,9 +58,7 @@ class AnalyticCamera:
             return command.clamp(self.limits)
         if self.auto is None or command != self.asked:
             self.asked = command
-            self.auto = AutoExposure(
-                command.limits, command.target_dn, command.damping, command.start
-            )
+            self.auto = AutoExposure.begun(command)
         return self.auto.settings
 
 
@@ -107,6 +106,8 @@ SPECS = {
     "ae": "ae",
     "ae-quick": "ae:gain_db=6,damping=0.1,target_dn=90",
     "aeag": "aeag",
+    "aeag-quick": "aeag:metering=lower,priority=exposure,damping=0",
+    "aeag-spot": "aeag:metering=spot",
     "aeag-vendor": "aeag:preset=vendor",
     "fixed": "fixed:exposure_us=2000,gain_db=6",
     "geomean": "geomean",

@@ -10,9 +10,10 @@ from plane_scene import PlaneScene
 from served_pair import needs_aravis, open_served, plane_plan
 
 from rig.config import load_camera_model
+from rig.core.autoexposure import metered_dn
 from rig.core.errors import CameraError, CameraLost, GrabTimeout
 from rig.core.protocols import Source
-from rig.core.types import Auto, Command, Frame, Limits, Pair, Settings
+from rig.core.types import Auto, Command, Frame, Limits, Metering, Pair, Settings
 from rig.drivers.simulated.source import Drive, simulate
 
 TIMEOUT_S = 2.0
@@ -264,6 +265,22 @@ def test_auto_exposure_stays_inside_its_limits(open_source: OpenSource) -> None:
     assert applied == auto
     assert used[-1] == Settings(200.0, 2.0)
     assert all(80 <= u.exposure_us <= 200 and 0 <= u.gain_db <= 2 for u in used)
+
+
+@pytest.mark.parametrize("metering", ["lower", "partial", "spot"])
+def test_auto_exposure_looks_where_it_is_told(open_source: OpenSource, metering: Metering) -> None:
+    source = open_source(moving=False)
+    auto = Auto(
+        target_dn=100.0,
+        damping=0.0,
+        start=Settings(5_000.0, 12.0),
+        metering=metering,
+        priority="exposure",
+    )
+    assert source.cameras.primary.apply(auto) == auto
+    for _ in range(20):
+        image = shoot(source, Pair(auto, auto)).primary.image
+    assert metered_dn(image, metering) == pytest.approx(100, abs=5)
 
 
 def test_auto_exposure_starts_again_after_other_settings(open_source: OpenSource) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import get_args
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.core.autoexposure import AutoExposure
-from rig.core.types import THESIS_LIMITS, Limits, Settings
+from rig.core.autoexposure import AutoExposure, metered_dn, metered_part
+from rig.core.types import THESIS_LIMITS, Auto, Limits, Metering, Priority, Settings
 from rig.core.units import gain_factor
 
 MEANS_DN = st.lists(st.floats(0, 255), min_size=1, max_size=60)
@@ -72,6 +74,22 @@ def test_gain_is_last_up_and_first_down(
             assert new.gain_db == 0
 
 
+@given(st.floats(75, 5_000), st.floats(0, 0.95), MEANS_DN)
+def test_under_exposure_priority_exposure_is_last_up_and_first_down(
+    start_us: float, damping: float, means_dn: list[float]
+) -> None:
+    state = AutoExposure(THESIS_LIMITS, 110.0, damping, Settings(start_us, 0.0), "exposure")
+    for mean in means_dn:
+        old, state = state.settings, state.after(mean)
+        new = state.settings
+        if new.exposure_us > 5_000:
+            assert new.gain_db == THESIS_LIMITS.gain_db[1]
+        if new.exposure_us < 5_000:
+            assert new.gain_db == 0
+        if new.gain_db < old.gain_db:
+            assert old.exposure_us == pytest.approx(5_000)
+
+
 @given(STARTS, MEANS_DN)
 def test_a_dark_frame_never_darkens_and_a_bright_one_never_brightens(
     start: Settings, means_dn: list[float]
@@ -84,11 +102,11 @@ def test_a_dark_frame_never_darkens_and_a_bright_one_never_brightens(
 
 
 @settings(deadline=None)
-@given(STARTS, DN_PER_US, st.floats(0, 0.8))
+@given(STARTS, DN_PER_US, st.floats(0, 0.8), st.sampled_from(get_args(Priority)))
 def test_it_reaches_the_target_from_anywhere_and_holds(
-    start: Settings, dn_per_us: float, damping: float
+    start: Settings, dn_per_us: float, damping: float, priority: Priority
 ) -> None:
-    state = run(AutoExposure(THESIS_LIMITS, 110.0, damping, start), dn_per_us, 250)
+    state = run(AutoExposure(THESIS_LIMITS, 110.0, damping, start, priority), dn_per_us, 250)
     assert mean_dn(state, dn_per_us) == pytest.approx(110.0, rel=0.031)
     assert run(state, dn_per_us, 5) == state
 
@@ -128,6 +146,28 @@ def test_more_damping_takes_smaller_steps() -> None:
 def test_a_mean_outside_the_picture_is_refused(mean: float) -> None:
     with pytest.raises(ValueError, match="mean_dn"):
         AutoExposure(THESIS_LIMITS, 110.0, 0.5, Settings(1_000.0, 0.0)).after(mean)
+
+
+@pytest.mark.parametrize(
+    ("metering", "share"), [("average", 1.0), ("lower", 0.7), ("partial", 0.11), ("spot", 0.03)]
+)
+@pytest.mark.parametrize("shape", [(1536, 2048), (480, 640)])
+def test_metering_looks_at_its_share_of_the_picture_and_at_every_colour_alike(
+    shape: tuple[int, int], metering: Metering, share: float
+) -> None:
+    rows, columns = metered_part(shape, metering)
+    looked_at = np.zeros(shape, np.uint8)
+    looked_at[rows, columns] = 255
+    assert looked_at.mean() / 255 == pytest.approx(share, rel=0.03)
+    colours = [looked_at[y::2, x::2].mean() for y in (0, 1) for x in (0, 1)]
+    assert colours == [colours[0]] * 4
+    assert metered_dn(looked_at, metering) == 255
+
+
+@pytest.mark.parametrize("options", [{"metering": "matrix"}, {"priority": "iris"}])
+def test_words_that_no_camera_knows_are_refused(options: dict[str, str]) -> None:
+    with pytest.raises(ValueError, match="must be one of"):
+        Auto(**options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("target_dn", "damping"), [(0.0, 0.5), (256.0, 0.5), (110.0, 1.0)])

@@ -17,6 +17,10 @@ BOUNDS: dict[str, tuple[float, float]] = {
     "Gain": (0.0, 47.99),
     "Width": (16, 2048),
     "Height": (16, 1536),
+    "AasRoiOffsetX": (0, 0),
+    "AasRoiOffsetY": (0, 464),
+    "AasRoiWidth": (4, 2048),
+    "AasRoiHeight": (4, 1536),
     "TriggerDelay": (8.0, 65_520.0),
     "AutoExposureExposureTimeUpperLimit": (11.0, 29_000.0),
     "AutoExposureTargetGreyValue": (4.0, 99.0),
@@ -167,8 +171,10 @@ def test_auto_sets_its_start_and_limits_before_it_begins() -> None:
         "AutoExposureTargetGreyValueAuto=Off",
         "AutoExposureTargetGreyValue=40.0",
         "AutoExposureControlLoopDamping=0.25",
-        "AutoExposureControlPriority=ExposureTime",
+        "AutoExposureControlPriority=Gain",
         "AutoExposureMeteringMode=Average",
+        "AutoAlgorithmSelector=Ae",
+        "AasRoiEnable=False",
         "AutoExposureExposureTimeLowerLimit=0.0",
         "AutoExposureExposureTimeUpperLimit=20000.0",
         "AutoExposureExposureTimeLowerLimit=75.0",
@@ -178,6 +184,36 @@ def test_auto_sets_its_start_and_limits_before_it_begins() -> None:
         "ExposureAuto=Continuous",
         "GainAuto=Continuous",
     ]
+
+
+def test_auto_meters_and_keeps_low_what_was_asked() -> None:
+    nodes = RememberingNodes()
+    steps = written(nodes, blackfly.auto_steps(Auto(metering="lower", priority="exposure")))
+    first = steps.index("AutoExposureControlPriority=ExposureTime")
+    assert steps[first + 1 : first + 9] == [
+        "AutoExposureMeteringMode=Average",
+        "AutoAlgorithmSelector=Ae",
+        "AasRoiOffsetX=0",
+        "AasRoiOffsetY=0",
+        "AasRoiWidth=2048",
+        "AasRoiHeight=1072",
+        "AasRoiOffsetY=464",
+        "AasRoiEnable=True",
+    ]
+    for metering in ("partial", "spot"):
+        steps = written(RememberingNodes(), blackfly.auto_steps(Auto(metering=metering)))
+        assert f"AutoExposureMeteringMode={metering.title()}" in steps
+        assert "AasRoiEnable=False" in steps
+
+
+def test_what_a_camera_cannot_meter_is_not_said_to_be_metered() -> None:
+    without = RememberingNodes(missing=frozenset({"AasRoiEnable"}))
+    auto = Auto(metering="lower")
+    done = {
+        step.node: step.now for step in carry_out(without, blackfly.auto_steps(auto), BLACKFLY_S)
+    }
+    assert blackfly.metering_of(done, "lower") == "average"
+    assert blackfly.metering_of(done, "spot") == "spot"
 
 
 def test_every_write_is_read_back_and_logged(caplog: pytest.LogCaptureFixture) -> None:

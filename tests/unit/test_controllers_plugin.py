@@ -67,8 +67,8 @@ def test_an_installed_controller_is_found_with_its_options() -> None:
     named = make_controller("halve:start_us=800", seed=0, networks={})
     assert named.options == {"start_us": "800.0"}
     assert named.controller.reset(THESIS_LIMITS) == Settings(800.0, 0.0)
-    with pytest.raises(UsageError, match="unknown option 'end_us'; did you mean 'start_us'"):
-        make_controller("halve:end_us=1", seed=0, networks={})
+    with pytest.raises(UsageError, match="unknown option 'star_us'; did you mean 'start_us'"):
+        make_controller("halve:star_us=1", seed=0, networks={})
     with pytest.raises(UsageError, match=r"did you mean 'halve'\?"):
         make_controller("halves", seed=0, networks={})
 

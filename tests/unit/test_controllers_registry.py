@@ -30,6 +30,7 @@ def test_defaults_are_resolved() -> None:
         "variant": "authors",
         "cost_spread": "1e-05",
         "evaluations_max": "50",
+        "rounds": "3",
     }
 
 
@@ -48,6 +49,9 @@ def test_defaults_are_resolved() -> None:
         ("shin:evaluations_max=2.5", "evaluations_max must be a number, got '2.5'"),
         ("shin:tolerance=medium", "tolerance must be low, mid, high or a number"),
         ("aeag:damping=1", "damping must be in [0, 1), got 1.0"),
+        ("aeag:metering=matrix", "metering must be one of average, lower, partial, spot, got"),
+        ("aeag:priority=iris", "priority must be one of gain, exposure, got 'iris'"),
+        ("ae:metering=all", "metering must be one of average, lower, partial, spot, got 'all'"),
         ("aeag:exposure_us_max=0", "exposure_us_max must be > 0, got 0.0"),
         ("aeag:damping", "'damping' is no option; write key=value"),
         ("aeag:damping=", "'damping=' is no option"),

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.config import load_camera_model
-from rig.core.types import Auto, Limits, Settings
+from rig.core.types import Auto, Limits, Metering, Settings
 from rig.drivers.simulated.program import ExposureProgram, round_command, round_settings
 
 CONTROLS = load_camera_model("blackfly-s-u3-31s4").controls
+DARK = np.full((4, 4), 10, np.uint8)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +67,7 @@ def test_the_own_law_keeps_its_state_while_the_command_stays_equal() -> None:
     for _ in range(4):
         program.ask(Auto(start=Settings(100.0, 0.0)))
         exposures_us.append(program.next_exposure().exposure_us)
-        program.saw(10.0)
+        program.saw(DARK)
     assert exposures_us == sorted(set(exposures_us))
     program.ask(Auto(target_dn=90.0, start=Settings(100.0, 0.0)))
     assert program.next_exposure() == Settings(100.0, 0.0)
@@ -73,12 +75,21 @@ def test_the_own_law_keeps_its_state_while_the_command_stays_equal() -> None:
 
 def test_the_own_law_rests_while_settings_are_given() -> None:
     program = ExposureProgram(CONTROLS, latency_frames=0)
-    program.ask(Settings(500.0, 0.0))
+    used = []
+    for command in (Settings(500.0, 0.0), Auto(start=Settings(100.0, 0.0)), Settings(500.0, 0.0)):
+        program.ask(command)
+        for _ in range(2):
+            used.append(program.next_exposure().exposure_us)
+            program.saw(DARK)
+    assert used == [500, 500, 100, 142, 500, 500]
+
+
+@pytest.mark.parametrize(("metering", "brightens"), [("average", False), ("lower", True)])
+def test_the_own_law_looks_at_the_part_that_counts(metering: Metering, brightens: bool) -> None:
+    image = np.zeros((100, 100), np.uint8)
+    image[:30] = 255
+    program = ExposureProgram(CONTROLS, latency_frames=0)
+    program.ask(Auto(target_dn=70, start=Settings(1_000.0, 0.0), metering=metering))
     program.next_exposure()
-    assert not program.wants_mean()
-    program.ask(Auto())
-    program.next_exposure()
-    assert program.wants_mean()
-    program.ask(Settings(500.0, 0.0))
-    program.next_exposure()
-    assert not program.wants_mean()
+    program.saw(image)
+    assert (program.next_exposure().exposure_us > 1_000) == brightens

@@ -125,7 +125,7 @@ def _features(
         *_acquisition(model),
         *_trigger(),
         *_analog(model),
-        *_auto(model),
+        *_auto(model, width_px, height_px),
         *_lines(),
         *_counters(),
         *_chunks(),
@@ -256,7 +256,7 @@ def _analog(model: CameraModel) -> tuple[Feature, ...]:
     )
 
 
-def _auto(model: CameraModel) -> tuple[Feature, ...]:
+def _auto(model: CameraModel, width_px: int, height_px: int) -> tuple[Feature, ...]:
     room = "AutoAlgorithmControl"
     exposure, gain = model.controls.exposure_us, model.controls.gain_db
     low_us, high_us = "AutoExposureExposureTimeLowerLimit", "AutoExposureExposureTimeUpperLimit"
@@ -264,8 +264,14 @@ def _auto(model: CameraModel) -> tuple[Feature, ...]:
         _enum("AutoExposureTargetGreyValueAuto", room, words("Off", "Continuous"), "Off"),
         _float("AutoExposureTargetGreyValue", room, 43.0, 0.1, 100.0, unit="%"),
         _float("AutoExposureControlLoopDamping", room, 0.5, 0.0, 0.999),
-        _enum("AutoExposureControlPriority", room, words("Gain", "ExposureTime"), "ExposureTime"),
-        _enum("AutoExposureMeteringMode", room, words("Average", "Spot"), "Average"),
+        _enum("AutoExposureControlPriority", room, words("Gain", "ExposureTime"), "Gain"),
+        _enum("AutoExposureMeteringMode", room, words("Average", "Spot", "Partial"), "Average"),
+        _enum("AutoAlgorithmSelector", room, words("Awb", "Ae"), "Ae"),
+        _bool("AasRoiEnable", room),
+        _int("AasRoiOffsetX", room, 0, low=0, high=0),
+        _int("AasRoiOffsetY", room, 0, low=0, high=height_px * 3 // 10),
+        _int("AasRoiWidth", room, width_px, low=width_px, high=width_px),
+        _int("AasRoiHeight", room, height_px, low=4, high=height_px),
         _float(low_us, room, exposure[0], *exposure, unit="us"),
         _float(high_us, room, exposure[1], *exposure, unit="us"),
         _float("AutoExposureGainLowerLimit", room, gain[0], *gain, unit="dB"),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import msgspec
 
 from rig.config import CameraModel
-from rig.core.types import Auto, Command, Limits, Settings
+from rig.core.types import Auto, Command, Limits, Metering, Priority, Settings
 from rig.core.units import NS_PER_S, us_to_ns
 from rig.drivers.simulated.camera import Overlap, Shot, SimulatedCamera, TakePicture, Wiring
 from rig.drivers.simulated.gige.faults import Faults
@@ -22,6 +22,8 @@ from rig.drivers.simulated.world import Link, Wire, World
 Edge = Callable[[bool, int, int], None]
 """Receives an edge: whether it rises, its time in nanoseconds, and the number of its trigger."""
 
+_METERINGS: Mapping[str, Metering] = {"Average": "average", "Partial": "partial", "Spot": "spot"}
+_PRIORITIES: Mapping[str, Priority] = {"Gain": "gain", "ExposureTime": "exposure"}
 _INSTANT_BYTES_PER_S = 1e18
 _FREE_RUN_HEADROOM_NS = 1_000
 
@@ -240,7 +242,15 @@ class Imager:
             target_dn=numbers("AutoExposureTargetGreyValue") * 255.0 / 100.0,
             damping=numbers("AutoExposureControlLoopDamping"),
             start=settings,
+            metering=self._metering(),
+            priority=_PRIORITIES[self.registers.word_of("AutoExposureControlPriority")],
         )
+
+    def _metering(self) -> Metering:
+        """Return what the law looks at: this camera's region is its lower part, or nothing."""
+        mode = _METERINGS[self.registers.word_of("AutoExposureMeteringMode")]
+        region = self.registers.number("AasRoiEnable") and self.registers.number("AasRoiOffsetY")
+        return "lower" if region and mode == "average" else mode
 
     def _show(self, settings: Settings) -> None:
         self.registers.set_number("ExposureTime", settings.exposure_us)
