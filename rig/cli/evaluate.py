@@ -27,7 +27,7 @@ RECORDING_SUFFIXES = {".mcap", ".yaml"}
 
 def evaluate(
     *recordings: Path,
-    front_end: str = "orb",
+    front_end: str = "orb,viso2",
     step: int = 1,
     trajectories: Path | None = None,
     workers: int | None = None,
@@ -43,7 +43,8 @@ def evaluate(
     recordings:
         Runs, or videos, or folders of pictures.
     front_end:
-        Front ends with their options: orb, viso2, orb:size=full,features=5000,viso2:half=no, ...
+        Front ends with their options, both when absent, as races are judged: orb, viso2,
+        orb:size=full,features=5000,viso2:half=no, ...
         orb has size (WIDTHxHEIGHT or full), features, threshold_px, estimator (ransac or magsac)
         and geometry (fundamental or essential); viso2 has half (yes or no), height_m, pitch_deg.
     step:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rig.cli.terminal import Advance, Terminal
 from rig.core.types import PairRecord
-from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FRONT_ENDS, FrontEnds
+from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.report.page import write_report
 from rig.evaluation.report.verdict import verdict
 from rig.evaluation.summary import Summary, summarise
@@ -39,9 +39,7 @@ class Watched:
             yield record
 
 
-def judge(
-    recording: Recording, terminal: Terminal, front_ends: FrontEnds = DEFAULT_FRONT_ENDS
-) -> Summary:
+def judge(recording: Recording, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
     """Return what a recording came to, showing progress over its triggers."""
     with terminal.progress("judging", len(recording)) as advance:
         return summarise(Watched(recording, advance), front_ends)

@@ -141,10 +141,10 @@ FRONT_ENDS: FrontEnds = {
     "orb": OrbRecipe(OrbFrontEnd()),
     "viso2": viso2_recipe(half_resolution=True),
 }
-"""Every front end as published, under its name in summary.json."""
+"""Every front end as published, under its name in summary.json: they judge where nobody says else.
 
-DEFAULT_FRONT_ENDS: FrontEnds = {"orb": FRONT_ENDS["orb"]}
-"""What judges where nobody says otherwise."""
+Both, so that a race, its report and a later evaluation say the same of the same recording.
+"""
 
 
 def parse_front_ends(text: str, defaults: FrontEnds = FRONT_ENDS) -> FrontEnds:

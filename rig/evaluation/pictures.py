@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.errors import RecordingError
-from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FrontEnds
+from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.series import Column
 from rig.evaluation.statistics import BLIND_BELOW, inlier_statistics
 
@@ -44,7 +44,7 @@ class PictureSeries:
 
 
 def judge_pictures(
-    path: Path, *, step: int = 1, front_ends: FrontEnds = DEFAULT_FRONT_ENDS
+    path: Path, *, step: int = 1, front_ends: FrontEnds = FRONT_ENDS
 ) -> PictureSeries:
     """Return the inliers between every `step`-th picture of a video or folder and the one before.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.core.types import Decision, Frame, Intrinsics, Lost, Pair, PairRecord
 from rig.core.units import NS_PER_S, NS_PER_US
-from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FrontEnds
+from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.inliers import arrived, grey_of
 from rig.evaluation.odometry import Odometry, OdometryCounter, Trajectory, pose_matrix
 
@@ -108,7 +108,7 @@ class _Watcher:
 
 def measure(
     records: Iterable[PairRecord],
-    front_ends: FrontEnds = DEFAULT_FRONT_ENDS,
+    front_ends: FrontEnds = FRONT_ENDS,
     intrinsics: Pair[Intrinsics] | Pair[Intrinsics | None] = UNKNOWN_LENSES,
 ) -> RunSeries:
     """Return the columns of a run, its records given in order.

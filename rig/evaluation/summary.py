@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol, TypeVar
 
 from rig.core.types import SIDES, Pair, PairRecord, Side
-from rig.evaluation.front_ends import DEFAULT_FRONT_ENDS, FrontEnds
+from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.odometry import Odometry, mean_inlier_pct, processed_pct
 from rig.evaluation.series import CameraSeries, RunSeries, measure
 from rig.evaluation.statistics import (
@@ -142,7 +142,7 @@ def other(side: Side) -> Side:
     return SIDES[1 - SIDES.index(side)]
 
 
-def summarise(recording: Recorded, front_ends: FrontEnds = DEFAULT_FRONT_ENDS) -> Summary:
+def summarise(recording: Recorded, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
     """Return what a recorded run came to; reads its pictures once, in bounded memory.
 
     The header's option `swap=true` says that the left controller drove the secondary camera.

@@ -137,7 +137,7 @@ def test_no_request(seen: Visit) -> None:
 
 
 def test_every_curve_is_drawn_and_every_picture_decodes(seen: Visit) -> None:
-    assert len(seen.probe["colours"]) == 6
+    assert len(seen.probe["colours"]) == 7
     assert min(seen.probe["colours"]) > 5
     assert seen.probe["pictures"]
     assert min(seen.probe["pictures"]) > 0
@@ -170,7 +170,9 @@ def test_tables_equal_summary_json(seen: Visit) -> None:
     expected |= {("drops", cause): n for cause, n in seen.summary["drops"].items()}
     for side in ("left", "right"):
         part = seen.summary[side]
-        expected |= {(side, "orb", key): number for key, number in part["orb"].items()}
+        for name in ("orb", "viso2"):
+            shown_keys = ("median", "min", "p5", "mean", "blind_frames")
+            expected |= {(side, name, key): part[name][key] for key in shown_keys}
         for key in ("exposure_us", "gain_db"):
             expected |= {(side, key, str(i)): part[key][i] for i in range(3)}
         expected |= {(side, "decision_ms", p): n for p, n in part["decision_ms"].items()}

@@ -59,12 +59,12 @@ def test_the_curves_are_the_series(run: SyntheticRun, text: str) -> None:
     assert drawn["pair"] == list(range(40))
     assert drawn["incomplete"] == [20, 30]
     titles = [chart["title"] for chart in drawn["charts"]]
-    assert titles[:4] == ["ORB inliers", "Exposure", "Gain", "Mean grey"]
+    assert titles[:3] == ["ORB inliers", "viso2-style inliers", "Exposure"]
     left, right = drawn["charts"][0]["curves"]
     counts = summary.camera("left").inliers["orb"]
     assert left["values"] == [None if c != c else c for c in counts.tolist()]
     assert (left["name"], right["name"]) == ("ours", "aeag")
-    assert drawn["charts"][1]["log"] is True
+    assert drawn["charts"][2]["log"] is True
 
 
 def test_simulated_runs_say_so_and_real_ones_do_not(text: str) -> None:
