@@ -52,10 +52,15 @@ def undistorted(
 ) -> tuple[Undistorted, list[str]]:
     """Return the recording undistorted by its own calibration, and warnings about that.
 
-    Raises CalibrationError when none is attached, it has no intrinsics, or it is not of these
-    cameras; `taken` is the day of the recording.
+    Without a calibration the distortion that the recording states does it, which simulated
+    cameras know of themselves. Raises CalibrationError when there is neither, the calibration has
+    no intrinsics, or it is not of these cameras; `taken` is the day of the recording.
     """
     header = recording.header
+    if not header.calibration and all(any(lens.distortion) for lens in header.intrinsics):
+        return _flattened(
+            recording, Pair(*(Undistorter(lens, lens.distortion) for lens in header.intrinsics))
+        ), []
     if not header.calibration:
         raise CalibrationError(
             f"{file}: no calibration is attached, so nothing can be undistorted; record with "
@@ -73,9 +78,15 @@ def undistorted(
                 "run rig calibrate-intrinsics first"
             )
         lenses.append(Undistorter(_intrinsics(lens, stated), lens.distortion))
-    both = Pair(*lenses)
-    flat = dataclasses.replace(header, intrinsics=Pair(*(lens.lens for lens in both)))
-    return Undistorted(recording, flat, both), warnings
+    return _flattened(recording, Pair(*lenses)), warnings
+
+
+def _flattened(recording: Recorded, lenses: Pair[Undistorter]) -> Undistorted:
+    straight = Pair(
+        *(dataclasses.replace(lens.lens, distortion=(0.0, 0.0, 0.0, 0.0, 0.0)) for lens in lenses)
+    )
+    flat = dataclasses.replace(recording.header, intrinsics=straight)
+    return Undistorted(recording, flat, lenses)
 
 
 def _intrinsics(lens: LensCalibration, stated: Intrinsics) -> Intrinsics:

@@ -5,8 +5,9 @@
     aravis:SERIAL,SERIAL            two real cameras, the primary first
     replay:FILE                     the frames of a recording, as they were taken
 
-Options of `sim:` are those of SIMULATION_OPTIONS. The address of an opened source has every option
-resolved, in alphabetical order, so opening it again repeats the same drive.
+Options of `sim:` are those of SIMULATION_OPTIONS and OPTICS_OPTIONS, LIGHT_STEP, and those that
+only one world has. The address of an opened source has every option resolved, in alphabetical
+order, so opening it again repeats the same drive.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ from urllib.parse import parse_qsl, quote
 from rig.config import CameraModel, load_camera_model
 from rig.core.errors import UsageError
 from rig.core.protocols import Source
+from rig.core.types import SIDES
 
 if TYPE_CHECKING:
+    from rig.drivers.scenes.optics import Optics
     from rig.drivers.simulated.source import SimulatedSource
 
 SCHEMES = ("sim", "gige", "aravis", "replay")
@@ -105,7 +108,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
     if address.name not in worlds.NAMES:
         raise _unknown("world", address.name, worlds.NAMES, f"--cameras sim:{address.name}")
     of_world = worlds.WORLD_OPTIONS.get(address.name, ())
-    known = (*SIMULATION_OPTIONS, LIGHT_STEP, *of_world)
+    known = (*SIMULATION_OPTIONS, *OPTICS_OPTIONS, LIGHT_STEP, *of_world)
     for option in address.options:
         if option not in known:
             raise _unknown("option", option, known, f"sim:{address.name}")
@@ -115,6 +118,11 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
     model = load_camera_model(values["camera"])
     width_px, height_px = values["size"]
     _check_size(address, width_px, height_px, model)
+    through = {
+        name: _read(address, name, address.options[name], read)
+        for name, read in OPTICS_OPTIONS.items()
+        if name in address.options and name not in special
+    }
     scene = worlds.open_world(
         address.name,
         seed=values["seed"],
@@ -122,6 +130,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
         width_px=width_px,
         height_px=height_px,
         speed_mps=values["speed_mps"],
+        optics=_optics(through, model),
         **special,
     )
     drive = Drive(
@@ -132,6 +141,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
         decision_ms=values["decision_ms"],
     )
     resolved = {name: _spell(value) for name, value in values.items()} | special
+    resolved |= {name: address.options[name] for name in through}
     if LIGHT_STEP in address.options:
         step = _read(address, LIGHT_STEP, address.options[LIGHT_STEP], read_light_step)
         scene = SteppedScene(scene, step.factor, drive.scene_time_s(step.pair))
@@ -203,6 +213,56 @@ SIMULATION_OPTIONS: Mapping[str, Callable[[str], Any]] = {
     "split": _split,
 }
 """What an option of `sim:` is read with; it raises ValueError with what the option must be."""
+
+
+def _share(word: str) -> float:
+    if not 0 <= (number := _finite(word)) <= 1:
+        raise ValueError("a number from 0 to 1")
+    return number
+
+
+def _cosine_power(word: str) -> float:
+    if not 0 <= (number := _finite(word)) <= 4:
+        raise ValueError("a number from 0 to 4, where 1 is the cos^4 law")
+    return number
+
+
+def _distortion(word: str) -> tuple[float, ...]:
+    numbers = [_finite(part) for part in word.split(",")]
+    if len(numbers) > 5 or not all(abs(number) <= 1 for number in numbers):
+        raise ValueError("up to five numbers k1,k2,p1,p2,k3 of at most 1")
+    return tuple(numbers + [0.0] * (5 - len(numbers)))
+
+
+def _f_numbers(word: str) -> tuple[float, float]:
+    numbers = [_finite(part) for part in word.split(",")]
+    if len(numbers) > 2 or not all(0.7 <= number <= 64 for number in numbers):
+        raise ValueError("an f-number from 0.7 to 64, or two, PRIMARY,SECONDARY")
+    return numbers[0], numbers[-1]
+
+
+OPTICS_OPTIONS: Mapping[str, Callable[[str], Any]] = {
+    "distortion": _distortion,
+    "f_number": _f_numbers,
+    "glare": _share,
+    "vignetting": _cosine_power,
+}
+"""What stands before the sensor besides an ideal lens; absent, nothing does."""
+
+
+def _optics(options: Mapping[str, Any], model: CameraModel) -> Optics | None:
+    """Return what the options ask for; None for an ideal lens with the model's own aperture."""
+    if not options:
+        return None
+    from rig.drivers.scenes.optics import Optics
+
+    usual = model.lens.f_number
+    f_numbers = options.get("f_number", (usual, usual))
+    light = {side: (usual / n) ** 2 for side, n in zip(SIDES, f_numbers, strict=True)}
+    return Optics(
+        light=light, **{name: value for name, value in options.items() if name != "f_number"}
+    )
+
 
 LIGHT_STEP = "light_step"
 """`light_step=10@30` multiplies the light by 10 from pair 30 on; absent, the light stays."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numba as nb
@@ -115,8 +115,9 @@ class ChessboardScene:
         return _DRIVE_S
 
     def intrinsics(self, side: Side) -> Intrinsics:
-        """Return the pinhole intrinsics; both cameras are alike."""
-        return self.lens
+        """Return the intrinsics with the distortion; both cameras are alike."""
+        k1, k2, p1, p2, k3 = self.distortion
+        return replace(self.lens, distortion=(k1, k2, p1, p2, k3))
 
     def view(self, side: Side, time_s: float) -> StillView:
         """Return what one camera sees; the board is still while a pose is held."""

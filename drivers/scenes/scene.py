@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,4 +51,17 @@ class Scene(Protocol):
 
     def truth(self, time_s: float) -> Truth:
         """Return where the primary camera is and how bright its view is."""
+        ...
+
+
+@runtime_checkable
+class DrivenScene(Scene, Protocol):
+    """A scene with ground under the vehicle, whose views are known in grey as well."""
+
+    def grey_cd_m2(self, side: Side, time_s: float) -> NDArray[np.float32]:
+        """Return the radiance of a view over all channels: R/4 + G/2 + B/4, H x W, cd/m2."""
+        ...
+
+    def ground_lux(self, time_s: float) -> float:
+        """Return the illuminance of the ground under the primary camera."""
         ...

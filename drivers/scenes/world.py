@@ -18,7 +18,7 @@ from rig.drivers.scenes.geometry import Quad, Surfaces, surfaces
 from rig.drivers.scenes.light import LIGHT_VERSION, Sunlight, bake
 from rig.drivers.scenes.raster import render
 from rig.drivers.scenes.textures import Atlas, Image, make_atlas
-from rig.drivers.scenes.trajectories import Drive, Pose
+from rig.drivers.scenes.trajectories import Drive, Pose, Vector
 
 _FX_PER_WIDTH = 1806.0 / 2048.0
 """The focal length of the thesis' lens and sensor, in picture widths (thesis 5.1)."""
@@ -160,6 +160,15 @@ class RenderedScene:
             self._views[key] = RenderedView(self, side, time_s, *self.rendered(side, time_s))
         return self._views[key]
 
+    def grey_cd_m2(self, side: Side, time_s: float) -> NDArray[np.float32]:
+        """Return the radiance of a view over all channels: R/4 + G/2 + B/4, H x W, cd/m2."""
+        return self.view(side, time_s).grey_cd_m2
+
+    def ground_lux(self, time_s: float) -> float:
+        """Return the illuminance of the ground under the primary camera; 0 without ground."""
+        eye = self.pose("primary", time_s).centre
+        return float(np.mean([_lux_under(self.world, eye + step) for step in _AROUND_M]))
+
     def rendered(
         self, side: Side, time_s: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
@@ -175,6 +184,28 @@ class RenderedScene:
         optical = Rotation.from_matrix(_ROS_FROM_WORLD @ pose.rotation.T)
         qx, qy, qz, qw = (float(v) for v in optical.as_quat())
         return Truth((x, y, z), (qx, qy, qz, qw), self.view("primary", time_s).light_cd_m2)
+
+
+_AROUND_M = np.array([[0, 0, 0], [0.8, 0, 0], [-0.8, 0, 0], [0, 0, 0.8], [0, 0, -0.8]])
+"""Places about the size of a dashboard, to look for ground under."""
+
+
+def _lux_under(world: World, above: Vector) -> float:
+    """Return the illuminance of the highest level surface that lies under a point; 0 without."""
+    w = world.surfaces
+    away = above - w.origin
+    a, b = (
+        (away * axis).sum(1) / np.maximum((axis * axis).sum(1), 1e-12)
+        for axis in (w.along_a, w.along_b)
+    )
+    below = w.solid & (w.normal[:, 1] > 0.9) & (w.origin[:, 1] < above[1])
+    inside = np.flatnonzero(below & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1))
+    if not inside.size:
+        return 0.0
+    quad = inside[np.argmax(w.origin[inside, 1])]
+    offset, wide, high = (int(v) for v in w.light_table[quad])
+    column, row = int(a[quad] * (wide - 1) + 0.5), int(b[quad] * (high - 1) + 0.5)
+    return float(world.light_lux[offset + row * wide + column])
 
 
 def lens_for(width_px: int, height_px: int) -> Intrinsics:

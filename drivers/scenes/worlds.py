@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Protocol
 
 from rig.core.errors import UsageError
 from rig.core.types import Intrinsics
 from rig.drivers.scenes import chessboard, wall
+from rig.drivers.scenes.optics import Optics, through_optics, wide_lens
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.tunnel import tunnel
 from rig.drivers.scenes.world import Plan, RenderedScene, bake_world, lens_for
@@ -54,11 +56,13 @@ def open_world(
     width_px: int,
     height_px: int,
     speed_mps: float,
+    optics: Optics | None = None,
     **options: str,
 ) -> Scene:
     """Return the scene of a world family, its light baked or taken from the cache.
 
     `seed` >= 0 picks the world within its `split` (train or test); the splits share no world.
+    `optics` is what stands before the sensor besides an ideal lens.
     Raises UsageError for an unknown world, split or option, or a number out of range.
     """
     if name not in NAMES:
@@ -76,7 +80,17 @@ def open_world(
         raise UsageError(f"world {name}: speed_mps must be above 0, got {speed_mps}")
     if min(width_px, height_px) < 16:
         raise UsageError(f"world {name}: size must be at least 16x16, got {width_px}x{height_px}")
+    lens = lens_for(width_px, height_px)
+    if optics is None:
+        return _open(name, seed, split, speed_mps, lens, options)
+    lens = replace(lens, distortion=optics.distortion)
+    scene = _open(name, seed, split, speed_mps, wide_lens(lens), options)
+    return through_optics(scene, lens, optics, seed)
+
+
+def _open(
+    name: str, seed: int, split: str, speed_mps: float, lens: Intrinsics, options: Mapping[str, str]
+) -> Scene:
     if name in STUDIOS:
-        return STUDIOS[name](seed, lens_for(width_px, height_px), options)
-    plan = WORLDS[name](seed, split, speed_mps)
-    return RenderedScene(bake_world(plan), lens_for(width_px, height_px))
+        return STUDIOS[name](seed, lens, options)
+    return RenderedScene(bake_world(WORLDS[name](seed, split, speed_mps)), lens)

@@ -196,7 +196,7 @@ class PairRecord:
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """Pinhole intrinsics in pixels of one picture size."""
+    """Pinhole intrinsics in pixels of one picture size; `distortion` is k1 k2 p1 p2 k3 (Brown)."""
 
     width_px: int
     height_px: int
@@ -204,3 +204,4 @@ class Intrinsics:
     fy_px: float
     cx_px: float
     cy_px: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)

@@ -191,7 +191,7 @@ def _sensor_yaml(side: Side, lens: Intrinsics) -> str:
         "camera_model: pinhole\n"
         f"intrinsics: [{lens.fx_px}, {lens.fy_px}, {lens.cx_px}, {lens.cy_px}]\n"
         "distortion_model: radial-tangential\n"
-        "distortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n"
+        f"distortion_coefficients: [{', '.join(map(str, lens.distortion[:4]))}]\n"
     )
 
 

@@ -112,14 +112,14 @@ def chain_hash(pair: Message) -> int:
 
 
 def camera_info(side: Side, intrinsics: Intrinsics, time_ns: int) -> Message:
-    """Return the message that tells viewers about a camera's geometry: no distortion."""
+    """Return the message that tells viewers about a camera's geometry."""
     fx, fy, cx, cy = intrinsics.fx_px, intrinsics.fy_px, intrinsics.cx_px, intrinsics.cy_px
     values = {
         "header": _header(time_ns, topics.optical_frame(side)),
         "height": intrinsics.height_px,
         "width": intrinsics.width_px,
         "distortion_model": "plumb_bob",
-        "d": [0.0] * 5,
+        "d": list(intrinsics.distortion),
         "k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
         "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         "p": [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],

@@ -60,7 +60,7 @@ def _parts(header: RunHeader) -> dict[str, dict[str, str]]:
         _camera(side): {
             "serial": serial,
             "controller": controller,
-            **{name: str(value) for name, value in asdict(intrinsics).items()},
+            **_lens(intrinsics),
         }
         for side, serial, controller, intrinsics in zip(
             SIDES, header.serials, header.controllers, header.intrinsics, strict=True
@@ -125,7 +125,16 @@ def _camera(side: Side) -> str:
     return _CAMERA.format(side)
 
 
+def _lens(intrinsics: Intrinsics) -> dict[str, str]:
+    """Return intrinsics as words; the distortion only where there is one."""
+    values = asdict(intrinsics)
+    distortion = values.pop("distortion")
+    words = {name: str(value) for name, value in values.items()}
+    return words | ({"distortion": ",".join(map(str, distortion))} if any(distortion) else {})
+
+
 def _intrinsics(camera: Mapping[str, str]) -> Intrinsics:
+    k1, k2, p1, p2, k3 = (float(word) for word in camera.get("distortion", "0,0,0,0,0").split(","))
     return Intrinsics(
         width_px=int(camera["width_px"]),
         height_px=int(camera["height_px"]),
@@ -133,4 +142,5 @@ def _intrinsics(camera: Mapping[str, str]) -> Intrinsics:
         fy_px=float(camera["fy_px"]),
         cx_px=float(camera["cx_px"]),
         cy_px=float(camera["cy_px"]),
+        distortion=(k1, k2, p1, p2, k3),
     )

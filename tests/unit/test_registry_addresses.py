@@ -53,6 +53,7 @@ def test_defaults_are_written_out_in_order(asked: dict[str, Any]) -> None:
         "width_px": 640,
         "height_px": 480,
         "speed_mps": 13.9,
+        "optics": None,
     }
     assert source.drive_triggers == 120
 
