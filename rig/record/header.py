@@ -10,7 +10,7 @@ from rig.core.errors import RecordingError
 from rig.core.types import SIDES, Intrinsics, Pair, Side
 from rig.record.hashes import fingerprint
 
-SCHEMA = "rig.recording/1"
+SCHEMA = "rig.recording/2"
 RUN, VERSIONS, MODELS = "rig.run", "rig.versions", "rig.models"
 PART, NEXT, RECOVERY = "rig.part", "rig.next", "rig.recovery"
 """Where a later file of a run begins, which file goes on, and that the end of one was lost."""
