@@ -29,8 +29,8 @@ from rig.models.workers import in_processes, process_count
 MATCHES_SPARED = 20
 """Added to a minimum: the inliers under which a pair is blind."""
 
-VARIANTS_A_PIECE = 12
-SECONDS_A_FRAME, SECONDS_A_VIEW = 0.036, 0.06
+VARIANTS_A_PIECE = 24
+SECONDS_A_FRAME, SECONDS_A_VIEW = 0.015, 0.06
 """Processor time of a frame of one variant and of a view, 640x480, for the estimate."""
 DRIVE_FRAMES = 120
 
@@ -89,8 +89,8 @@ class Race:
         return self.controller, self.world, self.seed, self.size, self.frames
 
 
-FULL = Plan(RIVALS, CONSTANTS, {"tunnel": (0, 1, 2), "road": (0, 1)})
-SMALL = Plan(QUICK, CONSTANTS[:6], {"tunnel": (0,)}, size="320x240", frames=40)
+FULL = Plan(RIVALS, CONSTANTS, {"tunnel": (0, 1, 2, 3, 4), "road": (0, 1, 2)})
+SMALL = Plan(QUICK, CONSTANTS[12:18], {"tunnel": (0,)}, size="320x240", frames=40)
 
 
 def tune(job: Job) -> dict[str, Any]:
