@@ -5,8 +5,8 @@
     aravis:SERIAL,SERIAL            two real cameras, the primary first
     replay:FILE                     the frames of a recording, as they were taken
 
-Options of `sim:` are those of SIMULATION_OPTIONS and OPTICS_OPTIONS, LIGHT_STEP, and those that
-only one world has. The address of an opened source has every option resolved, in alphabetical
+Options of `sim:` are those of SIMULATION_OPTIONS and OPTICS_OPTIONS, LIGHT_STEP, DEPTH, and those
+that only one world has. The address of an opened source has every option resolved, in alphabetical
 order, so opening it again repeats the same drive.
 """
 
@@ -108,7 +108,7 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
     if address.name not in worlds.NAMES:
         raise _unknown("world", address.name, worlds.NAMES, f"--cameras sim:{address.name}")
     of_world = worlds.WORLD_OPTIONS.get(address.name, ())
-    known = (*SIMULATION_OPTIONS, *OPTICS_OPTIONS, LIGHT_STEP, *of_world)
+    known = (*SIMULATION_OPTIONS, *OPTICS_OPTIONS, LIGHT_STEP, DEPTH, *of_world)
     for option in address.options:
         if option not in known:
             raise _unknown("option", option, known, f"sim:{address.name}")
@@ -139,9 +139,12 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
         rate_hz=values["rate_hz"],
         latency_frames=values["latency_frames"],
         decision_ms=values["decision_ms"],
+        depth=DEPTH in address.options and _read(address, DEPTH, address.options[DEPTH], _on),
     )
     resolved = {name: _spell(value) for name, value in values.items()} | special
     resolved |= {name: address.options[name] for name in through}
+    if drive.depth:
+        resolved[DEPTH] = "on"
     if LIGHT_STEP in address.options:
         step = _read(address, LIGHT_STEP, address.options[LIGHT_STEP], read_light_step)
         scene = SteppedScene(scene, step.factor, drive.scene_time_s(step.pair))
@@ -213,6 +216,15 @@ SIMULATION_OPTIONS: Mapping[str, Callable[[str], Any]] = {
     "split": _split,
 }
 """What an option of `sim:` is read with; it raises ValueError with what the option must be."""
+
+DEPTH = "depth"
+"""`depth=on` puts the depth of the primary's view into the recording; absent, it stays out."""
+
+
+def _on(word: str) -> bool:
+    if word not in ("on", "off"):
+        raise ValueError("on or off")
+    return word == "on"
 
 
 def _share(word: str) -> float:

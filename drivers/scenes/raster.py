@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from rig.core.types import Intrinsics
 from rig.drivers.scenes.geometry import CUTOUT, Surfaces
 from rig.drivers.scenes.sampling import RUN_PX, SCRATCH_SIZE
+from rig.drivers.scenes.scene import FAR_M
 from rig.drivers.scenes.shading import add_sky, add_surface, opaque
 from rig.drivers.scenes.textures import Atlas
 from rig.drivers.scenes.trajectories import Pose, Vector
 
 Floats = NDArray[np.float32]
 Wholes = NDArray[np.int64]
-
-FAR_M = 2000.0
-"""The depth of the sky."""
 
 _NEAR_M = 0.12
 _BAND_ROWS = 16

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from rig.core.types import Intrinsics, Side, Truth
 
+FAR_M = 2000.0
+"""The depth of the sky."""
+
 
 class View(Protocol):
     """The light that falls on one camera at one instant."""
@@ -20,7 +23,7 @@ class View(Protocol):
 
     @property
     def depth_m(self) -> NDArray[np.float32]:
-        """Return the distance along the optical axis, H x W, metres; the sky is far away."""
+        """Return the distance along the optical axis, H x W, metres; FAR_M in the sky."""
         ...
 
     def exposed(self, exposure_us: float) -> NDArray[np.float32]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from rig.core.clock import VirtualClock
 from rig.core.protocols import Camera, Clock
 from rig.core.types import SIDES, Intrinsics, Pair, Settings, Side, Truth
 from rig.core.units import us_to_ns
-from rig.drivers.scenes.scene import Scene
+from rig.drivers.scenes.scene import FAR_M, Scene
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.camera import SimulatedCamera, TakePicture, Wiring
 from rig.drivers.simulated.world import Link, Wire, World
@@ -29,7 +29,8 @@ class Drive:
     """How the pair is driven through a scene.
 
     `rate_hz` None triggers as fast as the exposures allow; `noise_seed` makes the noise of every
-    frame; `decision_ms` is what one decision costs on the run's clock.
+    frame; `decision_ms` is what one decision costs on the run's clock. With `depth` the truth of a
+    trigger holds the depth of the primary's view.
     """
 
     model: CameraModel
@@ -37,6 +38,7 @@ class Drive:
     rate_hz: float | None = EXPOSURE_FOLLOWING_PACE_HZ
     latency_frames: int = 0
     decision_ms: float = 0.0
+    depth: bool = False
 
     def scene_time_s(self, trigger: int) -> float:
         """Return the moment of the scene that a trigger sees."""
@@ -85,7 +87,13 @@ class SimulatedSource:
 
     def truth(self, trigger: int) -> Truth:
         """Return what the scene knows of a trigger."""
-        return self.scene.truth(self.drive.scene_time_s(trigger))
+        time_s = self.drive.scene_time_s(trigger)
+        truth = self.scene.truth(time_s)
+        if not self.drive.depth:
+            return truth
+        depth_m = self.scene.view("primary", time_s).depth_m
+        seen = np.where(depth_m < FAR_M, depth_m, np.float32(np.inf))
+        return replace(truth, depth_m=seen)
 
     def close(self) -> None:
         """Close both cameras."""

@@ -160,12 +160,15 @@ class Truth:
 
     World frame as in REP 103: x forward along the road's start, y left, z up, metres.
     `orientation_xyzw` rotates the primary camera's optical frame (x right, y down, z forward) into
-    the world. `light_cd_m2` is the mean radiance of the primary's view.
+    the world. `light_cd_m2` is the mean radiance of the primary's view. `depth_m`, where it was
+    asked for, is the distance along the primary's optical axis of every pixel (float32, H x W),
+    infinite in the sky.
     """
 
     position_m: tuple[float, float, float]
     orientation_xyzw: tuple[float, float, float, float]
     light_cd_m2: float
+    depth_m: NDArray[np.float32] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

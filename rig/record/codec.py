@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.core.types import (
     SIDES,
@@ -34,6 +35,7 @@ from rig.record.cdr import Buffer
 from rig.record.hashes import HASH_BYTES, NOTHING, Summed, sealed, summed
 
 NAN = math.nan
+DEPTH_ENCODING = "32FC1"
 PIXEL_FORMATS: tuple[PixelFormat, ...] = ("bayer_rggb8", "mono8")
 
 
@@ -209,6 +211,23 @@ def _truth_messages(record: PairRecord, moment_ns: int) -> Iterator[Message]:
         (topics.LIGHT, topics.LIGHT_TYPE, light),
     ):
         yield Message(topic, record.trigger, moment_ns, kind.pack(values))
+    if truth.depth_m is not None:
+        yield _depth_message(truth.depth_m, record.trigger, moment_ns)
+
+
+def _depth_message(depth_m: NDArray[np.float32], trigger: int, moment_ns: int) -> Message:
+    """Return a depth picture as REP 118 has it: metres, infinite where there is nothing."""
+    height, width = depth_m.shape
+    values = {
+        "header": _header(moment_ns, topics.optical_frame("primary")),
+        "height": height,
+        "width": width,
+        "encoding": DEPTH_ENCODING,
+        "is_bigendian": 0,
+        "step": 4 * width,
+        "data": np.ascontiguousarray(depth_m, "<f4").tobytes(),
+    }
+    return Message(topics.DEPTH, trigger, moment_ns, topics.IMAGE_TYPE.pack(values))
 
 
 def _pair_message(record: PairRecord, moment_ns: int) -> Message:
@@ -293,7 +312,7 @@ def decode(messages: Mapping[str, Message]) -> PairRecord:
         decisions=Pair(*(_to_decision(messages.get(topics.decision(s))) for s in SIDES)),
         offset_ns=pair["offset_ns"] if pair["offset_known"] else None,
         cause=pair["cause"],
-        truth=_to_truth(messages.get(topics.POSE), messages.get(topics.LIGHT)),
+        truth=_to_truth(*map(messages.get, (topics.POSE, topics.LIGHT, topics.DEPTH))),
     )
 
 
@@ -358,7 +377,7 @@ def _to_decision(message: Message | None) -> Decision | None:
     return Decision(values["controller"], command, values["latency_ms"], diagnostics)
 
 
-def _to_truth(pose: Message | None, light: Message | None) -> Truth | None:
+def _to_truth(pose: Message | None, light: Message | None, depth: Message | None) -> Truth | None:
     if pose is None or light is None:
         return None
     where = topics.POSE_TYPE.unpack(pose.data)["pose"]
@@ -367,4 +386,13 @@ def _to_truth(pose: Message | None, light: Message | None) -> Truth | None:
         (position["x"], position["y"], position["z"]),
         (orientation["x"], orientation["y"], orientation["z"], orientation["w"]),
         topics.LIGHT_TYPE.unpack(light.data)["light_cd_m2"],
+        None if depth is None else _to_depth(depth),
     )
+
+
+def _to_depth(message: Message) -> NDArray[np.float32]:
+    image = topics.IMAGE_TYPE.unpack(message.data)
+    if image["encoding"] != DEPTH_ENCODING or image["step"] != 4 * image["width"]:
+        raise ValueError(f"the depth of trigger {message.sequence} is {image['encoding']!r}")
+    depth_m = np.frombuffer(image["data"], "<f4")
+    return depth_m.reshape(image["height"], image["width"])

@@ -18,6 +18,7 @@ LIGHT_TYPE = message_type("rig_msgs/Light")
 PAIR = "/pair"
 POSE = "/ground_truth/pose"
 LIGHT = "/ground_truth/light"
+DEPTH = "/ground_truth/depth"
 
 
 def image(side: Side) -> str:
@@ -55,6 +56,7 @@ TOPICS: Mapping[str, MessageType] = {
     POSE: POSE_TYPE,
     LIGHT: LIGHT_TYPE,
     PAIR: PAIR_TYPE,
+    DEPTH: IMAGE_TYPE,
 }
 """Every topic of a recording, in the order in which the channels are numbered."""
 

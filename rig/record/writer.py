@@ -210,8 +210,11 @@ class RecordWriter:
 
 
 def without_pictures(record: PairRecord, cause: str) -> PairRecord:
-    """Return `record` with its frames lost to `cause`; earlier causes stay."""
+    """Return `record` with its frames lost to `cause`, and no depth; earlier causes stay."""
     shot: Pair[Frame | Lost] = Pair(
         *(Lost(s.sequence, cause) if isinstance(s, Frame) else s for s in record.shot)
     )
-    return dataclasses.replace(record, shot=shot, offset_ns=None, cause=record.cause or cause)
+    truth = record.truth and dataclasses.replace(record.truth, depth_m=None)
+    return dataclasses.replace(
+        record, shot=shot, offset_ns=None, cause=record.cause or cause, truth=truth
+    )

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from record_samples import (
     DECISION,
     HEADER,
+    TRUTH,
     assert_same,
     half,
     mispaired,
@@ -20,6 +22,8 @@ from record_samples import (
 from rig.core.errors import RecordingDamaged, RecordingError
 from rig.core.types import Pair, PairRecord
 from rig.record.reader import open_recording
+from rig.record.verify import verify
+from rig.record.writer import without_pictures
 
 
 @pytest.mark.parametrize(
@@ -40,6 +44,20 @@ def test_records_come_back_as_they_were(tmp_path: Path, records: list[PairRecord
     assert len(found) == len(records)
     for a, b in zip(found, records, strict=True):
         assert_same(a, b)
+
+
+def test_depth_comes_back_where_it_was_recorded(tmp_path: Path) -> None:
+    depth_m = np.random.default_rng(0).uniform(1.0, 50.0, (24, 32)).astype(np.float32)
+    depth_m[0] = np.inf
+    with_depth = replace(record(0), truth=replace(TRUTH, depth_m=depth_m))
+    file = write(tmp_path, [with_depth, record(1)])
+    first, second = open_recording(file).records()
+    assert first.truth is not None and second.truth is not None
+    assert np.array_equal(first.truth.depth_m, depth_m)  # type: ignore[arg-type]
+    assert second.truth.depth_m is None
+    assert verify(file).sound
+    lost = without_pictures(with_depth, "full")
+    assert lost.truth == TRUTH and lost.truth.depth_m is None
 
 
 def test_a_recording_is_named_by_folder_file_or_metadata(tmp_path: Path) -> None:

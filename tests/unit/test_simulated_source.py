@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from plane_scene import PlaneScene
 
 from rig.config import load_camera_model
-from rig.core.errors import GrabTimeout
+from rig.core.errors import GrabTimeout, UsageError
 from rig.core.types import Frame, Lost, Pair, Settings
+from rig.drivers.registry import open_source
 from rig.drivers.simulated.camera import SimulatedCamera
 from rig.drivers.simulated.source import Drive, SimulatedSource, simulate
 from rig.pair import CameraPair, PairShot
@@ -137,3 +138,22 @@ def test_the_cameras_have_their_own_fixed_pattern() -> None:
     )
     assert primary.std() > 3
     assert abs(np.corrcoef(primary.ravel(), secondary.ravel())[0, 1]) < 0.1
+
+
+def test_depth_is_in_the_truth_where_it_was_asked_for() -> None:
+    plain, deep = open_plane(), open_plane(depth=True)
+    depth_m = deep.truth(3).depth_m
+    assert plain.truth(3).depth_m is None
+    assert depth_m is not None and depth_m.dtype == np.float32
+    assert np.array_equal(depth_m, deep.scene.view("primary", 0.3).depth_m)
+
+
+def test_the_sky_is_infinitely_far() -> None:
+    source = open_source("sim:tunnel?size=64x48&depth=on", seed=0)
+    assert "&depth=on&" in f"&{source.address.partition('?')[2]}&"
+    truth = source.truth(100)
+    assert truth is not None and truth.depth_m is not None
+    assert np.isinf(truth.depth_m[0]).any()
+    assert 1.0 < truth.depth_m[-1].min() < 20.0
+    with pytest.raises(UsageError, match="depth must be on or off, got 'yes'"):
+        open_source("sim:tunnel?depth=yes", seed=0)
