@@ -25,6 +25,10 @@ _LOST_CODES = frozenset({2, 5, 6})
 """Aravis' codes for not connected, time-out and not found."""
 
 _SOCKET_BUFFER_BYTES = 4 << 20
+_FRAME_RETENTION_US = 200_000
+"""How long the rest of a picture is waited for after its last packet; 100 ms are short on a busy
+computer, and at 55 Hz a longer time would hold more pictures than the ring has."""
+
 _LOOPBACK_PACKET_BYTES = 65_000
 _ETHERNET_PACKET_BYTES = 1_400
 
@@ -237,6 +241,7 @@ class Stream:
             self._stream.set_property("socket-buffer", aravis.GvStreamSocketBuffer.FIXED)
             self._stream.set_property("socket-buffer-size", _SOCKET_BUFFER_BYTES)
             self._stream.set_property("packet-resend", aravis.GvStreamPacketResend.ALWAYS)
+            self._stream.set_property("frame-retention", _FRAME_RETENTION_US)
 
 
 class Opened:
