@@ -68,7 +68,7 @@ def test_rosbags_decodes_everything_from_the_folder(tmp_path: Path) -> None:
         for connection, _, data in reader.messages():
             decoded = reader.deserialize(data, connection.msgtype)
             messages.setdefault(connection.topic, []).append(decoded)
-        counted = {each.topic: each.msgcount for each in reader.connections}
+        counted = {each.topic: each.msgcount for each in reader.connections if each.msgcount}
     assert counted == COUNTS
     check(messages)
     camera = messages["/primary/camera_info"][0]
