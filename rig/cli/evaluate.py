@@ -46,7 +46,8 @@ def evaluate(
         Front ends with their options, both when absent, as races are judged: orb, viso2,
         orb:size=full,features=5000,viso2:half=no, ...
         orb has size (WIDTHxHEIGHT or full), features, threshold_px, estimator (ransac or magsac)
-        and geometry (fundamental or essential); viso2 has half (yes or no), height_m, pitch_deg.
+        and geometry (fundamental or essential); viso2 has half (yes or no), height_m
+        and pitch_deg (negative looks down).
     step:
         Take every n-th picture of a video or a folder.
     trajectories:

@@ -37,7 +37,10 @@ FAILURES: tuple[Failure, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """How the camera sits over the ground: metres above it, and radians that it looks down."""
+    """How the camera sits over the ground: metres above it, and radians that it looks up.
+
+    A camera that looks down at the road has a negative pitch.
+    """
 
     height_m: float = 1.0
     pitch_rad: float = 0.0
