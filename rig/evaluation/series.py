@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.core.types import Decision, Frame, Intrinsics, Lost, Pair, PairRecord
+from rig.core.types import Decision, Diagnostics, Frame, Intrinsics, Lost, Pair, PairRecord
 from rig.core.units import NS_PER_S, NS_PER_US
 from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.inliers import arrived, grey_of
@@ -27,8 +27,9 @@ class CameraSeries:
 
     `inliers` maps a front end's name to the counts between the pictures of trigger k - 1 and k.
     `exposure_us` and `gain_db` are those used. `mean_grey_dn` is 0..255. `decision_ms` is how
-    long the decision taken after this pair took. `odometry` is there when the viso2-style front
-    end ran and the lens is known.
+    long the decision taken after this pair took. `thoughts` are what the controller said of itself
+    then: columns of its numbers by name. `words` are its words, one tuple a name, "" where absent.
+    `odometry` is there when the viso2-style front end ran and the lens is known.
     """
 
     inliers: Mapping[str, Column]
@@ -36,6 +37,8 @@ class CameraSeries:
     gain_db: Column
     mean_grey_dn: Column
     decision_ms: Column
+    thoughts: Mapping[str, Column] = field(default_factory=dict)
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     odometry: Odometry | None = None
 
 
@@ -66,6 +69,7 @@ class _Look(NamedTuple):
     gain_db: float
     mean_grey_dn: float
     decision_ms: float
+    diagnostics: Diagnostics
 
 
 class _Event(NamedTuple):
@@ -92,11 +96,12 @@ class _Watcher:
             gain_db=frame.used.gain_db,
             mean_grey_dn=float(grey.mean()),
             decision_ms=decision.latency_ms if decision is not None else np.nan,
+            diagnostics=decision.diagnostics if decision is not None else {},
         )
 
     def look_away(self) -> _Look:
         """Return the row of an incomplete pair."""
-        return _Look((np.nan,) * len(self._counters), np.nan, np.nan, np.nan, np.nan)
+        return _Look((np.nan,) * len(self._counters), np.nan, np.nan, np.nan, np.nan, {})
 
     def odometry(self, truth: Trajectory) -> Odometry | None:
         """Return what visual odometry made of the pictures; None when it did not run."""
@@ -180,8 +185,30 @@ def _camera(
         gain_db=_column([look.gain_db for look in looks]),
         mean_grey_dn=_column([look.mean_grey_dn for look in looks]),
         decision_ms=_column([look.decision_ms for look in looks]),
+        thoughts=_thoughts([look.diagnostics for look in looks]),
+        words=_words([look.diagnostics for look in looks]),
         odometry=odometry,
     )
+
+
+def _thoughts(said: Sequence[Diagnostics]) -> dict[str, Column]:
+    """Return the diagnostics that are numbers, each as a column, in order of appearance."""
+    names = dict.fromkeys(name for row in said for name, v in row.items() if not isinstance(v, str))
+    return {name: _column([_number(row.get(name)) for row in said]) for name in names}
+
+
+def _number(value: float | str | None) -> float:
+    return np.nan if value is None or isinstance(value, str) else float(value)
+
+
+def _words(said: Sequence[Diagnostics]) -> dict[str, tuple[str, ...]]:
+    """Return the diagnostics that are words, each as a tuple, in order of appearance."""
+    names = dict.fromkeys(name for row in said for name, v in row.items() if isinstance(v, str))
+    return {name: tuple(_word(row.get(name)) for row in said) for name in names}
+
+
+def _word(value: float | str | None) -> str:
+    return value if isinstance(value, str) else ""
 
 
 def _column(values: Sequence[float]) -> Column:

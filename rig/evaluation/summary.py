@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rig.core.types import SIDES, Pair, PairRecord, Side
 from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.odometry import Odometry, mean_inlier_pct, processed_pct
-from rig.evaluation.series import CameraSeries, RunSeries, measure
+from rig.evaluation.segments import KINDS, Kind, Segment, kinds_by_row, light_level, segments
+from rig.evaluation.series import CameraSeries, Column, RunSeries, measure
 from rig.evaluation.statistics import (
     BLIND_BELOW,
     WARM_UP_PAIRS,
@@ -46,12 +50,26 @@ class Recorded(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class SegmentSummary:
+    """One controller's inliers over the counted rows of one kind of light."""
+
+    pairs: int
+    inliers: Mapping[str, InlierStatistics]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the object under `segments` and the kind's name."""
+        front_ends = {name: asdict(statistics) for name, statistics in self.inliers.items()}
+        return {"pairs": self.pairs, **front_ends}
+
+
+@dataclass(frozen=True, slots=True)
 class SideSummary:
     """One controller's part in a run.
 
     `inliers` maps each front end that ran to its statistics; `exposure_us` and `gain_db` are
-    (lowest, median, highest) of what was used; `decision_ms` holds p50 and p99. `odometry` is
-    there when the viso2-style front end ran.
+    (lowest, median, highest) of what was used; `decision_ms` holds p50 and p99. `segments` maps
+    the kinds of light that the drive had to their statistics. `odometry` is there when the
+    viso2-style front end ran.
     """
 
     controller: str
@@ -59,6 +77,7 @@ class SideSummary:
     exposure_us: Spread
     gain_db: Spread
     decision_ms: Mapping[str, float | None]
+    segments: Mapping[Kind, SegmentSummary]
     odometry: Odometry | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -79,12 +98,13 @@ class SideSummary:
             "exposure_us": list(self.exposure_us),
             "gain_db": list(self.gain_db),
             "decision_ms": dict(self.decision_ms),
+            "segments": {kind: part.as_json() for kind, part in self.segments.items()},
         }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Summary:
-    """A run's header, its columns, and what they come to.
+    """A run's header, its columns, and what they come to; `segments` are of rows.
 
     `left` is the race's first controller: it drives the primary camera, or the secondary when
     the run was swapped; `left_side` says which.
@@ -92,6 +112,7 @@ class Summary:
 
     header: RunHeader
     series: RunSeries
+    segments: tuple[Segment, ...]
     left_side: Side
     left: SideSummary
     right: SideSummary
@@ -149,27 +170,46 @@ def summarise(recording: Recorded, front_ends: FrontEnds = FRONT_ENDS) -> Summar
     """
     header = recording.header
     series = measure(recording.records(), front_ends, header.intrinsics)
+    found = tuple(segments(light_level(series)))
     left_side: Side = "secondary" if header.options.get("swap") == "true" else "primary"
     right_side = other(left_side)
     return Summary(
         header=header,
         series=series,
+        segments=found,
         left_side=left_side,
-        left=_side(at(header.controllers, left_side), series, left_side),
-        right=_side(at(header.controllers, right_side), series, right_side),
+        left=_side(at(header.controllers, left_side), series, found, left_side),
+        right=_side(at(header.controllers, right_side), series, found, right_side),
     )
 
 
-def _side(controller: str, series: RunSeries, side: Side) -> SideSummary:
-    camera = at(series.cameras, side)
+def _side(controller: str, series: RunSeries, found: Sequence[Segment], side: Side) -> SideSummary:
+    camera, trigger = at(series.cameras, side), series.trigger
+    kinds = np.array(kinds_by_row(found, len(series)), dtype=object)
+    parts = {kind: _part(trigger, camera, kinds == kind) for kind in KINDS}
     return SideSummary(
         controller=controller,
-        inliers={
-            name: inlier_statistics(counted(series.trigger, counts), BLIND_BELOW[name])
-            for name, counts in camera.inliers.items()
-        },
-        exposure_us=spread(counted(series.trigger, camera.exposure_us)),
-        gain_db=spread(counted(series.trigger, camera.gain_db)),
-        decision_ms=latency(counted(series.trigger, camera.decision_ms)),
+        inliers=_statistics(trigger, camera.inliers),
+        exposure_us=spread(counted(trigger, camera.exposure_us)),
+        gain_db=spread(counted(trigger, camera.gain_db)),
+        decision_ms=latency(counted(trigger, camera.decision_ms)),
+        segments={kind: part for kind, part in parts.items() if part.pairs},
         odometry=camera.odometry,
     )
+
+
+def _part(
+    trigger: NDArray[np.int64], camera: CameraSeries, rows: NDArray[np.bool_]
+) -> SegmentSummary:
+    counts = {name: column[rows] for name, column in camera.inliers.items()}
+    pairs = max((counted(trigger[rows], column).size for column in counts.values()), default=0)
+    return SegmentSummary(pairs, _statistics(trigger[rows], counts))
+
+
+def _statistics(
+    trigger: NDArray[np.int64], columns: Mapping[str, Column]
+) -> dict[str, InlierStatistics]:
+    return {
+        name: inlier_statistics(counted(trigger, counts), BLIND_BELOW[name])
+        for name, counts in columns.items()
+    }

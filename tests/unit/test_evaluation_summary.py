@@ -47,7 +47,21 @@ def test_keys_are_the_published_ones() -> None:
 
 def test_a_front_end_that_did_not_run_is_absent() -> None:
     side = summarise(SyntheticRun(triggers=13), parse_front_ends("orb")).as_json()["left"]
-    assert list(side) == ["controller", "orb", "exposure_us", "gain_db", "decision_ms"]
+    assert "viso2" not in side
+    assert "odometry" not in side
+    assert all("viso2" not in part for part in side["segments"].values())
+
+
+def test_segments_share_out_the_counted_pairs() -> None:
+    run = SyntheticRun(triggers=60)
+    summary = summarise(run, parse_front_ends("orb"))
+    side = summary.as_json()["left"]
+    assert set(side["segments"]) == {"static", "inside"}
+    assert sum(part["pairs"] for part in side["segments"].values()) == 50
+    counts = summary.series.cameras.primary.inliers["orb"]
+    dark = next(segment for segment in summary.segments if segment.kind == "inside")
+    assert side["segments"]["inside"]["orb"]["min"] == counts[dark.first : dark.last + 1].min()
+    assert (dark.first, dark.last) == (24, 44)
 
 
 def test_numbers_are_those_of_the_counted_series() -> None:
