@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,12 @@ import numpy as np
 
 from rig.bulk import Workers, run_tasks
 from rig.cli.exits import OK
-from rig.cli.judge import judge, table
+from rig.cli.judge import figure, judge, table
 from rig.cli.options import make_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.aggregate import aggregate
+from rig.evaluation.differences import differences
 from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures
@@ -72,11 +74,16 @@ def evaluate(
     if trajectories is not None:
         for path, summary in zip(runs, judged, strict=True):
             write_ways(trajectories, path, summary)
-    summaries = [summary.as_json() for summary in judged]
     pictures = {str(path): film(path, step, front_ends, terminal) for path in films}
-    values = aggregate(summaries) | ({"pictures": pictures} if pictures else {})
+    values = together(judged) | ({"pictures": pictures} if pictures else {})
     terminal.result(words(values), values)
     return OK
+
+
+def together(judged: Sequence[Summary]) -> dict[str, Any]:
+    """Return the content of evaluation.json: means, ratios and differences over judged runs."""
+    runs = [summary.as_json() for summary in judged]
+    return {**aggregate(runs), "differences": differences(judged)}
 
 
 def judge_runs(
@@ -131,15 +138,11 @@ def film(path: Path, step: int, front_ends: FrontEnds, terminal: Terminal) -> di
 
 def words(values: dict[str, Any]) -> str:
     """Return an evaluation as lines for a person."""
-    lines = [table(values["runs"])] if values["runs"] else []
-    for pair, result in values["paired"].items():
-        interval = result["ci95"]
-        sure = (
-            f"95 % {interval[0]:.2f} to {interval[1]:.2f}" if interval else "one run: no interval"
-        )
-        ratio = result["orb_median_ratio"]
-        told = "no ratio" if ratio is None else f"median ratio {ratio:.2f}"
-        lines.append(f"{pair}: {told} ({sure}), won {result['wins']}, lost {result['losses']}")
+    runs = values["runs"]
+    lines = [league(values) if len(runs) > 1 else table(runs)] if runs else []
+    lines += [
+        duel(pair, result, values["differences"][pair]) for pair, result in values["paired"].items()
+    ]
     for path, told in values.get("pictures", {}).items():
         for name, title in FRONT_END_TITLES.items():
             if name in told:
@@ -150,3 +153,53 @@ def words(values: dict[str, Any]) -> str:
                     f"{title} median {middle}, min {told[name]['min']}"
                 )
     return "\n".join(lines)
+
+
+def league(values: dict[str, Any]) -> str:
+    """Return one line a controller, the best median of ORB inliers first: means over its runs."""
+    titles = f"{'ORB median':>12}{'min':>6}{'blind':>7}{'viso2 median':>14}{'min':>6}{'moved %':>9}"
+    lines = [f"{'':>3} {'controller':<28}{'runs':>5}{titles}{'won':>6}{'lost':>5}"]
+    ranked = sorted(values["by_controller"].items(), key=_median, reverse=True)
+    for place, (name, told) in enumerate(ranked, start=1):
+        orb, viso2 = told.get("orb", {}), told.get("viso2", {})
+        cells = [
+            figure(orb.get("median"), 12),
+            figure(orb.get("min"), 6),
+            figure(orb.get("blind_frames"), 7, places=1),
+            figure(viso2.get("median"), 14),
+            figure(viso2.get("min"), 6),
+            figure(viso2.get("frames_processed_pct"), 9),
+        ]
+        won, lost = score(name, values["paired"])
+        line = f"{place:>3} {name:<28.28}{told['runs']:>5}{''.join(cells)}{won:>6}{lost:>5}"
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def _median(item: tuple[str, dict[str, Any]]) -> float:
+    median = item[1].get("orb", {}).get("median")
+    return -1.0 if median is None else float(median)
+
+
+def score(controller: str, paired: dict[str, Any]) -> tuple[int, int]:
+    """Return how many runs a controller won and lost against all its rivals."""
+    won = lost = 0
+    for pair, result in paired.items():
+        a, _, b = pair.partition(" vs ")
+        if a == b:
+            continue
+        won += result["wins"] * (a == controller) + result["losses"] * (b == controller)
+        lost += result["losses"] * (a == controller) + result["wins"] * (b == controller)
+    return won, lost
+
+
+def duel(pair: str, result: dict[str, Any], apart: dict[str, Any]) -> str:
+    """Return how two controllers did side by side: the ratio of medians, then the difference."""
+    ratio, interval, orb = result["orb_median_ratio"], result["ci95"], apart["orb"]
+    told = "no ratio" if ratio is None else f"median ratio {ratio:.2f}"
+    sure = f"95 % {interval[0]:.2f} to {interval[1]:.2f}" if interval else "no interval"
+    sure = "one run: no interval" if orb["runs"] == 1 else sure
+    more = f"{orb['median']['difference']:+.0f} ORB inliers"
+    if orb["median"]["ci95"]:
+        more += " (95 % {:+.0f} to {:+.0f})".format(*orb["median"]["ci95"])
+    return f"{pair}: {told} ({sure}), {more}, won {result['wins']}, lost {result['losses']}"

@@ -77,15 +77,16 @@ def _row(side: dict[str, Any], front_end: str) -> str:
     inliers = side[front_end]
     cells = [
         f"{front_end:>6}",
-        _number(inliers["median"], 8),
-        _number(inliers["min"], 6),
-        _number(inliers["blind_frames"], 7),
-        _number(inliers.get("frames_processed_pct"), 9),
-        _number(side["exposure_us"][1], 14),
-        _number(side["gain_db"][1], 9, places=1),
+        figure(inliers["median"], 8),
+        figure(inliers["min"], 6),
+        figure(inliers["blind_frames"], 7),
+        figure(inliers.get("frames_processed_pct"), 9),
+        figure(side["exposure_us"][1], 14),
+        figure(side["gain_db"][1], 9, places=1),
     ]
     return f"{side['controller']:<28.28}{''.join(cells)}"
 
 
-def _number(value: float | None, width: int, places: int = 0) -> str:
+def figure(value: float | None, width: int, places: int = 0) -> str:
+    """Return a number in a column of some width; None is a dash."""
     return f"{'-':>{width}}" if value is None else f"{value:>{width}.{places}f}"

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from rig.cli.attach import calibration_for
 from rig.cli.drive import make_header, record_drive
-from rig.cli.evaluate import words
+from rig.cli.evaluate import together, words
 from rig.cli.exits import INTERRUPTED
 from rig.cli.judge import REPORT, publish, tell
 from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
@@ -25,7 +25,6 @@ from rig.core.clock import SystemClock
 from rig.core.errors import UsageError
 from rig.core.types import Pair
 from rig.drivers.registry import open_source
-from rig.evaluation.aggregate import aggregate
 from rig.evaluation.summary import Summary
 from rig.models.shipped import shipped_networks
 
@@ -77,11 +76,11 @@ def race_seeds(
     for seed in seeds:
         terminal.say(f"seed {seed}:")
         raced = race_once(wiring, swap, replace(run, seed=seed), folder / f"{seed}", terminal, web)
-        summaries.append(raced.summary.as_json())
+        summaries.append(raced.summary)
         codes.append(raced.exit_code)
         if raced.exit_code == INTERRUPTED:
             break
-    values = aggregate(summaries)
+    values = together(summaries)
     (folder / "evaluation.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
     terminal.result(f"{words(values)}\nreports: {folder}/*/{REPORT}", values)
     return max(codes)

@@ -91,6 +91,26 @@ def test_evaluate_ranks_controllers(race_folder: Path, capsys: pytest.CaptureFix
     assert values["runs"][0] == json.loads((race_folder / "summary.json").read_text())
     (pair,) = values["paired"].values()
     assert pair["ci95"] is None, "one run claims no significance"
+    (apart,) = values["differences"].values()
+    assert apart["orb"]["median"]["ci95"] is None
+    assert apart["viso2"]["runs"] == 1
+
+
+def test_evaluate_makes_a_league_table_of_many_runs(
+    race_folder: Path, collect_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = (race_folder, race_folder, collect_folder)
+    code, out, _ = said(capsys, "evaluate", *runs, "--front-end", "orb", "-q")
+    assert code == 0
+    lines = out.splitlines()
+    assert lines[0].split()[0] == "controller"
+    places = [line.split() for line in lines[1:4]]
+    assert [row[0] for row in places] == ["1", "2", "3"]
+    medians = [float(row[3]) for row in places]
+    assert medians == sorted(medians, reverse=True)
+    duel = next(line for line in lines if line.startswith("aeag vs fixed"))
+    assert "median ratio" in duel
+    assert "95 %" in duel
 
 
 def test_evaluate_takes_a_folder_of_pictures(
