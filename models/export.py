@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from rig.core.errors import ModelError
 from rig.core.types import THESIS_LIMITS, Limits
 from rig.models.dataset import FRAMES, Batch
-from rig.models.networks import ExposureNetwork
+from rig.models.networks import ExposureNetwork, with_gain
 from rig.models.widen import filled, widened
 
 SCHEMA = "rig.network/1"
@@ -52,7 +52,7 @@ class Parity:
 
 
 def export_network(
-    network: ExposureNetwork,
+    network: nn.Module,
     out: Path,
     samples: Batch,
     *,
@@ -70,7 +70,7 @@ def export_network(
     """
     return write_proven(
         network,
-        _DrivingNetwork(network),
+        _driving(network),
         out,
         Proof(samples.images.astype(np.float32) / np.float32(255), samples.settings),
         {"net": net, "training_sha256": training_sha256, "seed": str(seed), "input": INPUT},
@@ -126,6 +126,10 @@ def write_proven(
     return parity
 
 
+def _driving(network: nn.Module) -> nn.Module:
+    return _DrivingNetwork(network) if isinstance(network, ExposureNetwork) else network
+
+
 class _DrivingNetwork(nn.Module):
     """The same function, folded weights worked out once, channels filled to whole blocks."""
 
@@ -146,8 +150,7 @@ class _DrivingNetwork(nn.Module):
         colour = nn.functional.conv2d(images, self.image_weight, self.bias)
         offset = nn.functional.linear(settings, self.settings_weight)
         pooled = nn.functional.max_pool2d(colour, self.pool) + offset[:, :, None, None]
-        next_settings: Tensor = self.head(torch.flatten(self.stages(pooled), 1))
-        return next_settings
+        return with_gain(self.head(torch.flatten(self.stages(pooled), 1)))
 
 
 def _to_onnx(network: nn.Module, proof: Proof) -> onnx.ModelProto:

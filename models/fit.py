@@ -13,11 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from rig.core.errors import ModelError, UsageError
 from rig.models.dataset import Batch, Samples
-from rig.models.networks import ExposureNetwork, make_network
+from rig.models.networks import make_network
 
 GAIN_WEIGHT = 0.5
 """Epsilon of thesis eq. 4.15."""
@@ -117,7 +117,7 @@ class Fit:
             self.best_epoch = number
             self._best = copy.deepcopy(self._network.state_dict())
 
-    def best_network(self) -> ExposureNetwork:
+    def best_network(self) -> nn.Module:
         """Return the network of the best epoch, on the CPU, ready to answer."""
         network = make_network(self.recipe.net)
         network.load_state_dict(self._best)

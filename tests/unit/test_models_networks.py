@@ -17,7 +17,15 @@ def _inputs() -> tuple[Tensor, Tensor]:
     return torch.rand(3, 9, 224, 224), torch.rand(3, 6)
 
 
-@pytest.mark.parametrize(("name", "count"), [("dual-small", 1_546_498), ("dual-large", 6_150_322)])
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("dual-small", 1_546_498),
+        ("dual-large", 6_150_322),
+        ("single", 1_746_609),
+        ("resnet18", 12_726_337),
+    ],
+)
 def test_parameter_counts_are_those_of_table_4_1(name: str, count: int) -> None:
     network = make_network(name)
     assert sum(parameter.numel() for parameter in network.parameters()) == count
