@@ -1,15 +1,26 @@
-"""The experiments as pair policies: a race, and a leader with a perturbed follower."""
+"""The experiments as pair policies: a race, a leader with a perturbed follower, a sweep."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from rig.controllers.perturb import Perturbation
 from rig.controllers.registry import NamedController
+from rig.core.errors import UsageError
 from rig.core.protocols import Clock
-from rig.core.types import Auto, Command, Decision, Diagnostics, Frame, Limits, Pair, Settings
+from rig.core.types import (
+    THESIS_LIMITS,
+    Auto,
+    Command,
+    Decision,
+    Diagnostics,
+    Frame,
+    Limits,
+    Pair,
+    Settings,
+)
 
 log = logging.getLogger(__name__)
 
@@ -120,3 +131,54 @@ class CollectPolicy:
             self._seats.primary.ask(leader.step, leader.diagnostics, frames.primary),
             self._seats.secondary.ask(perturbation.near, perturbation.diagnostics, frames.primary),
         )
+
+
+@dataclass(slots=True)
+class SweepPolicy:
+    """Both cameras take their turns through one list of settings, at every place again.
+
+    The primary takes the first, third, ... of `settings`, the secondary the second, fourth, ...
+    """
+
+    settings: Sequence[Settings]
+    _taken: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        if len(self.settings) < 2 or len(self.settings) % 2:
+            raise UsageError(f"--sweep must be an even number from 2, got {len(self.settings)}")
+
+    @property
+    def names(self) -> Pair[str]:
+        """Return the same name for both."""
+        return Pair("sweep", "sweep")
+
+    def reset(self, limits: Pair[Limits]) -> Pair[Command]:
+        """Return the first two settings; raises UsageError for some that a camera cannot take."""
+        for settings, allowed in zip(self.settings, limits * len(self.settings), strict=False):
+            if settings.clamp(allowed) != settings:
+                raise UsageError(f"{settings} is outside the camera's {allowed}")
+        self._taken = 0
+        return self._next()
+
+    def decide(self, frames: Pair[Frame]) -> Pair[Decision]:
+        """Return the next two settings, whatever the frames show."""
+        return Pair(
+            *(
+                Decision(name, command, 0.0)
+                for name, command in zip(self.names, self._next(), strict=True)
+            )
+        )
+
+    def _next(self) -> Pair[Command]:
+        at = 2 * self._taken % len(self.settings)
+        self._taken += 1
+        return Pair(self.settings[at], self.settings[at + 1])
+
+
+def exposure_sweep(count: int, gain_db: float, limits: Limits = THESIS_LIMITS) -> list[Settings]:
+    """Return `count` exposures in equal ratios over the limits, all at one gain (thesis 4.2.2)."""
+    low_us, high_us = limits.exposure_us
+    ratios = [index / max(count - 1, 1) for index in range(count)]
+    return [
+        Settings(min(low_us * (high_us / low_us) ** ratio, high_us), gain_db) for ratio in ratios
+    ]

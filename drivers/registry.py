@@ -16,7 +16,7 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, quote
@@ -104,11 +104,12 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
     from rig.drivers.scenes import worlds
     from rig.drivers.scenes.step import SteppedScene, read_light_step
     from rig.drivers.simulated.source import Drive, simulate
+    from rig.drivers.simulated.standing import read_standing
 
     if address.name not in worlds.NAMES:
         raise _unknown("world", address.name, worlds.NAMES, f"--cameras sim:{address.name}")
     of_world = worlds.WORLD_OPTIONS.get(address.name, ())
-    known = (*SIMULATION_OPTIONS, *OPTICS_OPTIONS, LIGHT_STEP, DEPTH, *of_world)
+    known = (*SIMULATION_OPTIONS, *OPTICS_OPTIONS, LIGHT_STEP, DEPTH, STAND, *of_world)
     for option in address.options:
         if option not in known:
             raise _unknown("option", option, known, f"sim:{address.name}")
@@ -141,7 +142,12 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
         decision_ms=values["decision_ms"],
         depth=DEPTH in address.options and _read(address, DEPTH, address.options[DEPTH], _on),
     )
-    resolved = {name: _spell(value) for name, value in values.items()} | special
+    stand = {STAND: address.options[STAND]} if STAND in address.options else {}
+    if stand:
+        standing = _read(address, STAND, stand[STAND], read_standing)
+        place_s = standing.step_m / values["speed_mps"]
+        drive = replace(drive, triggers_a_place=standing.triggers, place_s=place_s)
+    resolved = {name: _spell(value) for name, value in values.items()} | special | stand
     resolved |= {name: address.options[name] for name in through}
     if drive.depth:
         resolved[DEPTH] = "on"
@@ -278,6 +284,9 @@ def _optics(options: Mapping[str, Any], model: CameraModel) -> Optics | None:
 
 LIGHT_STEP = "light_step"
 """`light_step=10@30` multiplies the light by 10 from pair 30 on; absent, the light stays."""
+
+STAND = "stand"
+"""`stand=25@0.3` stands still for 25 triggers every 0.3 m, without blur; absent, it drives."""
 
 _DEFAULTS = {
     "camera": "blackfly-s-u3-31s4",

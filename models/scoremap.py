@@ -8,6 +8,9 @@ graph, so whoever runs it needs to know nothing about grids.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -112,6 +115,24 @@ class ScoreMapNetwork(nn.Module):
         span_ev = float(np.log2(self.limits.exposure_us[1] / self.limits.exposure_us[0]))
         stops: Tensor = pairs[:, :, 0] * span_ev + pairs[:, :, 1] * (high_db - low_db) * _EV_PER_DB
         return stops
+
+
+class ScoreMapEnsemble(nn.Module):
+    """Several score-map networks over one grid that answer together: their probabilities' mean."""
+
+    def __init__(self, members: Sequence[ScoreMapNetwork]) -> None:
+        super().__init__()
+        self.first, self.others = members[0], nn.ModuleList(members[1:])
+
+    def forward(self, images: Tensor, settings: Tensor) -> Tensor:
+        """Return the next (exposure, gain), N x 2, in 0..1 of the limits."""
+        return self.first.decode(self.scores(images, settings), settings)
+
+    def scores(self, images: Tensor, settings: Tensor) -> Tensor:
+        """Return the logarithm of the mean probability of every cell of the grid, N x S."""
+        members: list[Any] = [self.first, *self.others]
+        shares = [torch.softmax(one.scores(images, settings), 1) for one in members]
+        return torch.log(torch.stack(shares).mean(0))
 
 
 def _stage(inputs: int, outputs: int) -> tuple[nn.Module, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,8 @@ class Drive:
 
     `rate_hz` None triggers as fast as the exposures allow; `noise_seed` makes the noise of every
     frame; `decision_ms` is what one decision costs on the run's clock. With `depth` the truth of a
-    trigger holds the depth of the primary's view.
+    trigger holds the depth of the primary's view. With `place_s` it stands still for
+    `triggers_a_place`, and the places are so many seconds of the drive apart.
     """
 
     model: CameraModel
@@ -39,10 +41,23 @@ class Drive:
     latency_frames: int = 0
     decision_ms: float = 0.0
     depth: bool = False
+    triggers_a_place: int = 1
+    place_s: float | None = None
+
+    def place(self, trigger: int) -> int:
+        """Return the place that a trigger looks from, counted from 0."""
+        return trigger // self.triggers_a_place
 
     def scene_time_s(self, trigger: int) -> float:
         """Return the moment of the scene that a trigger sees."""
+        if self.place_s is not None:
+            return self.place(trigger) * self.place_s
         return trigger / (self.rate_hz or EXPOSURE_FOLLOWING_PACE_HZ)
+
+    def triggers(self, drive_s: float) -> int:
+        """Return how many triggers a drive of `drive_s` seconds takes."""
+        places = round(drive_s / self.scene_time_s(self.triggers_a_place))
+        return places * self.triggers_a_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +89,7 @@ class SimulatedSource:
     @property
     def drive_triggers(self) -> int:
         """Return how many triggers the scene's drive takes."""
-        return round(self.scene.drive_s / self.drive.scene_time_s(1))
+        return self.drive.triggers(self.scene.drive_s)
 
     @property
     def world_version(self) -> str:
@@ -82,8 +97,8 @@ class SimulatedSource:
         return self.scene.world_version
 
     def pose_index(self, trigger: int) -> int:
-        """Return the trigger itself: every trigger looks from a new pose."""
-        return trigger
+        """Return the place of a trigger: every one looks from a new pose unless it stands."""
+        return self.drive.place(trigger)
 
     def truth(self, trigger: int) -> Truth:
         """Return what the scene knows of a trigger."""
@@ -130,11 +145,14 @@ def photographer(scene: Scene, side: Side, drive: Drive) -> TakePicture:
     camera = SIDES.index(side)
     size = scene.intrinsics(side)
     sensor = Sensor(drive.model, (size.height_px, size.width_px), seed=camera)
+    look = lru_cache(maxsize=1)(partial(scene.view, side))
 
     def take(sequence: int, used: Settings) -> NDArray[np.uint8]:
-        view = scene.view(side, drive.scene_time_s(sequence))
+        view = look(drive.scene_time_s(sequence))
         seeds = np.random.SeedSequence([drive.noise_seed, camera, sequence])
         noise_seed = int(seeds.generate_state(1, np.uint64)[0])
-        return sensor.develop(view.exposed(used.exposure_us), used, noise_seed)
+        moving = drive.place_s is None
+        light = view.exposed(used.exposure_us) if moving else view.radiance_cd_m2
+        return sensor.develop(light, used, noise_seed)
 
     return take
