@@ -36,31 +36,32 @@ class SettingsGrid:
         stops = brightness_ev(self.cells())
         return np.abs(stops[:, None] - stops)
 
-    def between(
-        self, settings: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the lowest of the four cells around N settings, and how far beyond it they lie.
-
-        `settings` is N x (exposure_us, gain_db); those outside the grid count as on its edge. The
-        second is N x (exposure, gain) in 0..1 of the way to the next cell.
-        """
-        rows, row_parts = _between(np.log(settings[:, 0]), np.log(self.exposures_us))
-        columns, column_parts = _between(settings[:, 1], np.array(self.gains_db))
-        return rows * len(self.gains_db) + columns, np.stack([row_parts, column_parts], axis=1)
-
     def corners(
         self, settings: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the four cells around N settings and their bilinear weights, both N x 4."""
-        lowest, parts = self.between(settings)
-        rows, columns = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
-        cells = lowest[:, None] + rows * len(self.gains_db) + columns
-        weights = np.abs(1 - rows - parts[:, :1]) * np.abs(1 - columns - parts[:, 1:])
-        return cells, weights
+        """Return the four cells around N settings and their weights, both N x 4.
+
+        `settings` is N x (exposure_us, gain_db); those outside the grid count as on its edge. At
+        most three weights are above 0: the corners of more exposure with less gain and of less with
+        more, which are about equally bright, and the darkest or the brightest. How many features a
+        picture has depends on its brightness first of all, so these stand for it best.
+        """
+        rows, row_parts = _between(np.log(settings[:, 0]), np.log(self.exposures_us))
+        columns, column_parts = _between(settings[:, 1], np.array(self.gains_db))
+        lowest = rows * len(self.gains_db) + columns
+        across = np.array([0, 1, len(self.gains_db), len(self.gains_db) + 1])
+        brighter = row_parts + column_parts - 1
+        weights = [
+            np.maximum(-brighter, 0),
+            column_parts - np.maximum(brighter, 0),
+            row_parts - np.maximum(brighter, 0),
+            np.maximum(brighter, 0),
+        ]
+        return lowest[:, None] + across, np.stack(weights, axis=1)
 
 
 def path_grid(
-    n_exposure: int = 10, n_gain: int = 5, limits: Limits = THESIS_LIMITS
+    n_exposure: int = 13, n_gain: int = 6, limits: Limits = THESIS_LIMITS
 ) -> SettingsGrid:
     """Return the grid that spans `limits`; both counts at least 2."""
     exposures_us = np.geomspace(*limits.exposure_us, n_exposure)

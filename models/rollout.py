@@ -82,21 +82,19 @@ def matches(drive: SeenDrive, grid: SettingsGrid, used: Settings2) -> NDArray[np
     Between cells a move is a mixture of moves between cells in which both ends shift together as
     far as they can: resting between two cells is a mixture of resting on either.
     """
-    cells, _ = grid.corners(used)
-    _, parts = grid.between(used)
+    cells, weights = grid.corners(used)
     between = drive.moves[
         np.arange(len(used) - 1)[:, None, None], cells[:-1, :, None], cells[1:, None, :]
     ]
-    exposure, gain = (_together(parts[:-1, axis], parts[1:, axis]) for axis in (0, 1))
-    weights = np.einsum("tij,tkl->tikjl", exposure, gain).reshape(between.shape)
-    return np.asarray((between * weights).sum((1, 2)))
+    return np.asarray((between * _together(weights[:-1], weights[1:])).sum((1, 2)))
 
 
 def _together(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return N x 2 x 2 weights with these upper shares, as much of it on the diagonal as can be."""
+    """Return N x 4 x 4 weights with these sums, as much of each on the diagonal as can be."""
     both = np.minimum(before, after)
-    neither = np.minimum(1 - before, 1 - after)
-    return np.stack([neither, after - both, before - both, both], axis=1).reshape(-1, 2, 2)
+    apart = (before - both)[:, :, None] * (after - both)[:, None, :]
+    left = np.maximum(1 - both.sum(1), np.finfo(float).tiny)[:, None, None]
+    return np.asarray(apart / left + both[:, :, None] * np.eye(4))
 
 
 def clamped(settings: Settings2, limits: Limits = THESIS_LIMITS) -> Settings2:

@@ -49,8 +49,8 @@ def test_cells_are_found_again_and_middles_are_halves() -> None:
     around, weights = grid.corners(cells)
     found = np.einsum("ncd,nc->nd", np.log(cells + 1)[around], weights)
     assert np.allclose(found, np.log(cells + 1))
-    middle = np.array([[np.sqrt(cells[0, 0] * cells[5, 0]), cells[1, 1] / 2]])
-    assert np.allclose(grid.corners(middle)[1], 0.25)
+    middle = np.array([[np.sqrt(cells[0, 0] * cells[6, 0]), cells[1, 1] / 2]])
+    assert np.allclose(grid.corners(middle)[1], [0, 0.5, 0.5, 0])
 
 
 def test_a_car_on_a_cell_sees_its_picture_and_gets_its_matches() -> None:
