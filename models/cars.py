@@ -15,7 +15,7 @@ from rig.models.behaviour import RandomExposure
 from rig.models.dataset import scale_settings
 from rig.models.grid import SettingsGrid
 from rig.models.rollout import Frames, Journey, Settings2, matches, roll_out
-from rig.models.scoremap import FRAMES, ScoreMapNetwork
+from rig.models.scoremap import FRAMES, ScoreMap
 from rig.models.seen import SeenDrive
 
 WARM_UP_PAIRS = 10
@@ -35,7 +35,7 @@ class NetworkCars:
     """A policy for `roll_out`: N cars driven by one network, with errors of `noise` stops."""
 
     def __init__(
-        self, network: ScoreMapNetwork, noise: float = 0.0, rng: np.random.Generator | None = None
+        self, network: ScoreMap, noise: float = 0.0, rng: np.random.Generator | None = None
     ) -> None:
         self._network = network.eval()
         self._noise, self._rng = noise, rng
@@ -45,10 +45,12 @@ class NetworkCars:
         """Return the network's settings for each car."""
         self._seen = [(frames, scale_settings(used[:, 0], used[:, 1])), *self._seen][:FRAMES]
         last = self._seen + [self._seen[-1]] * (FRAMES - len(self._seen))
-        images = torch.from_numpy(np.concatenate([one for one, _ in last], 1)).float() / 255
+        images = torch.from_numpy(np.concatenate([one for one, _ in last], 1))
         settings = torch.from_numpy(np.concatenate([one for _, one in last], 1))
+        device = next(self._network.parameters()).device
         with torch.inference_mode():
-            answer = self._network(images, settings).numpy().astype(np.float64)
+            seen = images.to(device).float() / 255
+            answer = self._network(seen, settings.to(device)).cpu().numpy().astype(np.float64)
         (low, high), (low_db, high_db) = THESIS_LIMITS.exposure_us, THESIS_LIMITS.gain_db
         exposure_us = low + answer[:, 0] * (high - low)
         gain_db = low_db + answer[:, 1] * (high_db - low_db)
@@ -85,7 +87,7 @@ def random_journeys(
 
 
 def own_journeys(
-    network: ScoreMapNetwork,
+    network: ScoreMap,
     drives: Sequence[SeenDrive],
     grid: SettingsGrid,
     each: int,

@@ -2,5 +2,7 @@
 
 from __future__ import annotations
 
-SCORE_MAPS = ("map-small",)
-"""Networks that learn from path targets; the others learn from recordings' targets."""
+from collections.abc import Mapping
+
+SCORE_MAPS: Mapping[str, int] = {"map-small": 1, "map-large": 2}
+"""Networks that learn from path targets, and how wide they are; others learn from recordings."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rig.core.types import THESIS_LIMITS
@@ -11,6 +12,7 @@ from rig.models.paths import DriveSource
 from rig.vision.thumbnail import THUMBNAIL_PX
 
 if TYPE_CHECKING:
+    from rig.models.cars import Score
     from rig.models.pathtrain import PathTrainingResult
 
 LIMITS = """## Limits
@@ -39,11 +41,18 @@ def _title(result: PathTrainingResult) -> str:
     limits, (columns, rows) = THESIS_LIMITS, THUMBNAIL_PX
     return f"""# {result.model.stem}
 
-A `{result.net}` network ({result.parameters:,} parameters): three pictures of {columns} x {rows} \
+{_kind(result)} ({result.parameters:,} parameters): three pictures of {columns} x {rows} \
 cells, brightness and saturation, and their settings in; it scores a grid of settings and gives \
 exposure time and gain of the next frame. Exposure {limits.exposure_us[0]:g} to \
 {limits.exposure_us[1]:g} us, gain {limits.gain_db[0]:g} to {limits.gain_db[1]:g} dB.
 Licence: {LICENCE}."""
+
+
+def _kind(result: PathTrainingResult) -> str:
+    count = len(result.members)
+    if count == 1:
+        return f"A `{result.net}` network"
+    return f"{count} `{result.net}` networks whose probabilities are averaged"
 
 
 def _data(result: PathTrainingResult) -> str:
@@ -74,6 +83,8 @@ def _remake(result: PathTrainingResult) -> str:
     cameras = " ".join(shlex.quote(source.cameras) for source in names)
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     half = "--half " if result.half else ""
+    if len(result.members) > 1:
+        half += f"--members {len(result.members)} "
     steps = ",".join(map(str, recipe.steps))
     return f"""## Made with
 
@@ -85,19 +96,26 @@ rig train --net {result.net} paths.npz --seed {recipe.seed} --steps {steps} \
 
 
 def _stages(result: PathTrainingResult) -> str:
-    rows = []
-    for number, stage in enumerate(result.history):
-        kept = " (kept)" if number == result.best_stage else ""
-        reached = ", ".join(f"{score.median:.0f} / {score.min:.0f}" for score in stage.held_back)
-        rows.append(f"| {number + 1}{kept} | {stage.loss:.4f} | {reached or '-'} |")
+    rows = [
+        f"| {member.seed} | {number + 1}{' (kept)' if number == member.best_stage else ''} "
+        f"| {stage.loss:.4f} | {_reached(stage.held_back)} |"
+        for member in result.members
+        for number, stage in enumerate(member.history)
+    ]
+    if len(result.members) > 1:
+        rows.append(f"| all | together | - | {_reached(result.together)} |")
     table = "\n".join(rows)
     return f"""## Stages
 
 The first learns from random behaviours, the others from the network's own drives as well.
 
-| stage | loss | held back, matches in closed loop: median / minimum of each drive |
-|---|---|---|
+| seed | stage | loss | held back, matches in closed loop: median / minimum of each drive |
+|---|---|---|---|
 {table}"""
+
+
+def _reached(scores: Sequence[Score]) -> str:
+    return ", ".join(f"{score.median:.0f} / {score.min:.0f}" for score in scores) or "-"
 
 
 def _proof(result: PathTrainingResult) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,7 +23,8 @@ from rig.core.errors import ModelError, UsageError
 from rig.models.cars import NetworkCars, Score, own_journeys, random_journeys, scores
 from rig.models.dataset import scale_settings
 from rig.models.grid import SettingsGrid
-from rig.models.rollout import Frames, Journey
+from rig.models.names import SCORE_MAPS
+from rig.models.rollout import Journey
 from rig.models.scoremap import FRAMES, ScoreMapNetwork
 from rig.models.seen import SeenDrive
 from rig.models.values import Utility, Values, move_values
@@ -33,17 +34,20 @@ from rig.models.values import Utility, Values, move_values
 class PathRecipe:
     """What decides a score-map network besides its data.
 
-    `steps` are the optimiser's steps of each stage; `behaviours` and `own_journeys` the journeys
-    through every drive, at random and after each stage; `temperature` turns values into the
-    probabilities to learn; `noise` scales the own journeys' errors, off for every other round.
+    `width` is that of the network. `steps` are the optimiser's steps of each stage; `behaviours`
+    and `own_journeys` the journeys through every drive, at random and after each stage;
+    `objective` names one of OBJECTIVES; `temperature` turns values into the probabilities to
+    learn; `noise` scales the own journeys' errors, off for every other round.
     """
 
     seed: int = 0
+    width: int = 1
     steps: tuple[int, ...] = (1500, 1000, 1000)
     learning_rates: tuple[float, ...] = (2e-3, 1.5e-3, 1.5e-3)
     batch_size: int = 96
     behaviours: int = 8
     own_journeys: int = 2
+    objective: str = "values"
     temperature: float = 0.1
     smoothing: float = 0.0
     noise: float = 0.25
@@ -52,12 +56,16 @@ class PathRecipe:
 
 
 def make_recipe(
-    seed: int, steps: Sequence[int] = (), learning_rate: float = 2e-3, batch_size: int = 96
+    net: str,
+    seed: int,
+    steps: Sequence[int] = (),
+    learning_rate: float = 2e-3,
+    batch_size: int = 96,
 ) -> PathRecipe:
     """Return a recipe with these options; later stages learn at three quarters of the rate.
 
-    `steps` are those of each stage, 1500, 1000 and 1000 when empty. Raises UsageError when one is
-    out of range.
+    `net` is a name of SCORE_MAPS; `steps` are those of each stage, PathRecipe's when empty. Raises
+    UsageError when one is out of range.
     """
     steps = tuple(steps) or PathRecipe().steps
     if min(steps) < 1 or batch_size < 2:
@@ -65,24 +73,45 @@ def make_recipe(
     if not (math.isfinite(learning_rate) and learning_rate > 0):
         raise UsageError(f"--learning-rate must be above 0, got {learning_rate}")
     rates = (learning_rate, *(0.75 * learning_rate for _ in steps[1:]))
-    return PathRecipe(seed=seed, steps=steps, learning_rates=rates, batch_size=batch_size)
+    return PathRecipe(
+        seed=seed,
+        width=SCORE_MAPS[net],
+        steps=steps,
+        learning_rates=rates,
+        batch_size=batch_size,
+    )
+
+
+Batch = tuple[Tensor, Tensor, Tensor]
+"""Images, settings and values, as in `PathSamples.batch`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathSamples:
     """N decisions: the frames to look at (N x 3, newest first) and the value of each answer."""
 
-    frames: Frames
-    settings: NDArray[np.float32]
-    newest_first: NDArray[np.int64]
-    values: Values
+    frames: Tensor
+    settings: Tensor
+    newest_first: Tensor
+    values: Tensor
 
-    def batch(self, chosen: NDArray[np.int64]) -> tuple[Tensor, Tensor, Tensor]:
+    def __len__(self) -> int:
+        return len(self.newest_first)
+
+    def to(self, device: torch.device) -> PathSamples:
+        """Return the same samples on a device."""
+        return PathSamples(
+            self.frames.to(device),
+            self.settings.to(device),
+            self.newest_first.to(device),
+            self.values.to(device),
+        )
+
+    def batch(self, chosen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return images N x 6 x 48 x 64, settings N x 6 and values N x S."""
         rows = self.newest_first[chosen]
-        images = torch.from_numpy(self.frames[rows].reshape(len(rows), -1, *self.frames.shape[2:]))
-        settings = torch.from_numpy(self.settings[rows].reshape(len(rows), -1))
-        return images.float() / 255, settings, torch.from_numpy(self.values[chosen])
+        images = self.frames[rows].flatten(1, 2).float() / 255
+        return images, self.settings[rows].flatten(1), self.values[chosen]
 
 
 def gather(
@@ -100,11 +129,33 @@ def gather(
         start += decided + 1
     used = np.concatenate([journey.used for journey in journeys])
     return PathSamples(
-        frames=np.concatenate([journey.frames for journey in journeys]),
-        settings=scale_settings(used[:, 0], used[:, 1]),
-        newest_first=np.concatenate(rows),
-        values=np.concatenate(answers),
+        frames=torch.from_numpy(np.concatenate([journey.frames for journey in journeys])),
+        settings=torch.from_numpy(scale_settings(used[:, 0], used[:, 1])),
+        newest_first=torch.from_numpy(np.concatenate(rows)),
+        values=torch.from_numpy(np.concatenate(answers)),
     )
+
+
+def toward_values(network: ScoreMapNetwork, batch: Batch, recipe: PathRecipe) -> Tensor:
+    """Return the cross-entropy of the scores against the softmax of the values."""
+    images, settings, values = batch
+    wanted = functional.softmax(values / recipe.temperature, 1)
+    found = functional.log_softmax(network.scores(images, settings), 1)
+    return -(wanted * found).sum(1).mean()
+
+
+def toward_best(network: ScoreMapNetwork, batch: Batch, _recipe: PathRecipe) -> Tensor:
+    """Return the absolute error of the answer against the cell of the highest value (eq. 4.15)."""
+    images, settings, values = batch
+    answer = network.logarithmic(network(images, settings).repeat(1, FRAMES))[:, :2]
+    return (answer - network.cells[values.argmax(1)]).abs().mean()
+
+
+OBJECTIVES: Mapping[str, Callable[[ScoreMapNetwork, Batch, PathRecipe], Tensor]] = {
+    "values": toward_values,
+    "best": toward_best,
+}
+"""What a score map may be taught: the values of all cells, or the best one as a regression."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +196,8 @@ class PathFit:
         self.best_stage = 0
         self._training, self._held_back = training, held_back
         torch.manual_seed(recipe.seed)
-        self.network = ScoreMapNetwork(grid, smoothing=recipe.smoothing)
+        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.network = self._new_network().to(self._device)
         self._best = copy.deepcopy(self.network.state_dict())
         self._values = [move_values(drive.moves, recipe.utility) for drive in training]
         rng = np.random.default_rng([recipe.seed, 1_000])
@@ -184,15 +236,15 @@ class PathFit:
 
     def best_network(self) -> ScoreMapNetwork:
         """Return the network of the best stage, ready to answer."""
-        network = ScoreMapNetwork(self.grid, smoothing=self.recipe.smoothing)
+        network = self._new_network()
         network.load_state_dict(self._best)
         return network.eval()
 
     def proof_samples(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return images and settings from all over the journeys, to prove an exported file on."""
         samples = gather(self._journeys, self._values, self.grid)
-        rows = np.linspace(0, len(samples.newest_first) - 1, count).astype(np.int64)
-        images, settings, _ = samples.batch(rows)
+        rows = np.linspace(0, len(samples) - 1, count).astype(np.int64)
+        images, settings, _ = samples.batch(torch.from_numpy(rows))
         return images.numpy(), settings.numpy()
 
     def state(self) -> dict[str, Any]:
@@ -223,6 +275,9 @@ class PathFit:
             Journey(drive, frames.numpy(), used.numpy()) for drive, frames, used in state["own"]
         ]
 
+    def _new_network(self) -> ScoreMapNetwork:
+        return ScoreMapNetwork(self.grid, smoothing=self.recipe.smoothing, width=self.recipe.width)
+
     def _train(
         self,
         samples: PathSamples,
@@ -239,15 +294,15 @@ class PathFit:
             optimiser, rate, total_steps=steps, pct_start=0.15
         )
         self.network.train()
+        objective, samples = OBJECTIVES[recipe.objective], samples.to(self._device)
         smooth = 0.0
         for step in range(steps):
-            chosen = rng.integers(0, len(samples.newest_first), recipe.batch_size)
-            images, settings, values = samples.batch(chosen)
+            chosen = torch.from_numpy(rng.integers(0, len(samples), recipe.batch_size))
             mirrored = torch.from_numpy(rng.random(len(chosen)) < 0.5)
-            images[mirrored] = images[mirrored].flip(-1)
-            wanted = functional.softmax(values / recipe.temperature, 1)
-            found = functional.log_softmax(self.network.scores(images, settings), 1)
-            loss = -(wanted * found).sum(1).mean()
+            images, settings, values = samples.batch(chosen.to(self._device))
+            sides = mirrored.to(self._device)[:, None, None, None]
+            images = torch.where(sides, images.flip(-1), images)
+            loss = objective(self.network, (images, settings, values), recipe)
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()

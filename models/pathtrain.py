@@ -3,29 +3,44 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
 
 from rig.core.errors import UsageError
+from rig.models.cars import NetworkCars, Score, scores
 from rig.models.export import Parity, Proof, write_proven
 from rig.models.fit import Checkpoint
 from rig.models.names import SCORE_MAPS
 from rig.models.pathfit import PathFit, PathRecipe, StageProgress, StageResult
 from rig.models.paths import DriveSource, PathTargets
+from rig.models.scoremap import ScoreMapEnsemble
 from rig.models.seen import SeenDrive
 from rig.models.split import Split, hold_back
 from rig.models.targets import refuse_existing
+
+MemberProgress = Callable[[int, int, int, int, float], None]
+"""Told the member, then what `StageProgress` is told."""
 
 INPUT = "thumbnails 2x48x64 (brightness, saturation) in 0..1, newest frame first; settings scaled"
 PROOF_SAMPLES = 64
 
 
 @dataclass(frozen=True, slots=True)
+class Member:
+    """How one network learned; `best_stage` counts from 0 and is the one kept."""
+
+    seed: int
+    history: tuple[StageResult, ...]
+    best_stage: int
+
+
+@dataclass(frozen=True, slots=True)
 class PathTrainingResult:
-    """A trained and exported score-map network; `best_stage` counts from 0 and is the one kept."""
+    """A trained and exported score-map network, and how each of its members learned."""
 
     model: Path
     card: Path
@@ -33,8 +48,8 @@ class PathTrainingResult:
     recipe: PathRecipe
     files: tuple[Path, ...]
     split: Split[DriveSource]
-    history: tuple[StageResult, ...]
-    best_stage: int
+    members: tuple[Member, ...]
+    together: tuple[Score, ...]
     training_sha256: str
     half: bool
     parity: Parity
@@ -47,18 +62,22 @@ def train_paths(
     out: Path,
     recipe: PathRecipe,
     *,
+    members: int = 1,
     held_back: Sequence[str] = (),
     half: bool = False,
-    progress: StageProgress = lambda _stage, _step, _steps, _loss: None,
+    progress: MemberProgress = lambda _member, _stage, _step, _steps, _loss: None,
 ) -> PathTrainingResult:
     """Train `net` on path targets and write `out` (ONNX) with its model card beside it.
 
-    `held_back` names worlds, such as `tunnel?seed=90`, to choose the stage by; without it one
-    world in five is held back. An interrupted training goes on from its last whole stage. Raises
-    UsageError for a bad option, RecordingError for a bad file, ModelError when training diverges.
+    More `members` than one, with seeds from that of the recipe on, answer together. `held_back`
+    names worlds, such as `tunnel?seed=90`, to choose the stage by; without it one world in five is
+    held back. An interrupted training goes on from its last whole stage. Raises UsageError for a
+    bad option, RecordingError for a bad file, ModelError when training diverges.
     """
     from rig.models.pathcard import write_path_card
 
+    if members < 1:
+        raise UsageError(f"--members must be at least 1, got {members}")
     if net not in SCORE_MAPS:
         raise UsageError(f"{net} does not learn from path targets; choose {', '.join(SCORE_MAPS)}")
     if out.suffix != ".onnx":
@@ -72,26 +91,21 @@ def train_paths(
     drives = [drive for file in files for drive in file.drives]
     split = hold_back(sources, held_back, recipe.seed)
     digest = hashlib.sha256(" ".join(source.sha256 for source in sources).encode()).hexdigest()
-    fit = _fit(
-        recipe,
-        PathFit(
-            recipe,
-            grid,
-            _of(drives, sources, split.training),
-            _of(drives, sources, split.held_back),
-        ),
-        Checkpoint(
-            out.with_suffix(".checkpoint"),
-            repr((net, recipe, digest, [source.sha256 for source in split.held_back])),
-        ),
-        progress,
-    )
-    network = fit.best_network()
+    training, judging = (_of(drives, sources, part) for part in (split.training, split.held_back))
+    fits = []
+    for member in range(members):
+        own = replace(recipe, seed=recipe.seed + member)
+        fit = PathFit(own, grid, training, judging)
+        told = repr((net, own, digest, [source.sha256 for source in split.held_back]))
+        _finish(fit, Checkpoint(_checkpoint(out, member), told), partial(progress, member))
+        fits.append(fit)
+    networks = [fit.best_network() for fit in fits]
+    network = networks[0] if members == 1 else ScoreMapEnsemble(networks)
     parity = write_proven(
         network,
         network,
         out,
-        Proof(*fit.proof_samples(PROOF_SAMPLES)),
+        Proof(*fits[0].proof_samples(PROOF_SAMPLES)),
         {
             "net": net,
             "picture": "thumbnail",
@@ -108,27 +122,29 @@ def train_paths(
         recipe=recipe,
         files=tuple(targets),
         split=split,
-        history=tuple(fit.history),
-        best_stage=fit.best_stage,
+        members=tuple(Member(f.recipe.seed, tuple(f.history), f.best_stage) for f in fits),
+        together=tuple(scores(NetworkCars(network.eval()), judging, grid)),
         training_sha256=digest,
         half=half,
         parity=parity,
         parameters=sum(weights.numel() for weights in network.parameters()),
     )
     write_path_card(result)
-    out.with_suffix(".checkpoint").unlink(missing_ok=True)
+    for member in range(members):
+        _checkpoint(out, member).unlink(missing_ok=True)
     return result
 
 
-def _fit(
-    recipe: PathRecipe, fit: PathFit, checkpoint: Checkpoint, progress: StageProgress
-) -> PathFit:
+def _checkpoint(out: Path, member: int) -> Path:
+    return out.with_suffix(f".{member}.checkpoint" if member else ".checkpoint")
+
+
+def _finish(fit: PathFit, checkpoint: Checkpoint, progress: StageProgress) -> None:
     with torch.random.fork_rng():
         checkpoint.resume(fit)
         while not fit.finished:
             fit.stage(progress)
             checkpoint.save(fit)
-    return fit
 
 
 def _of(

@@ -36,38 +36,44 @@ class ScoreMapNetwork(nn.Module):
 
     `images` is float32 N x 6 x 48 x 64 in 0..1, (brightness, saturation) of t, t-1, t-2; `settings`
     float32 N x 6, (exposure, gain) of the same frames in 0..1 of the limits (thesis eq. 4.14).
-    `smoothing` in [0, 1) is the share of the present settings, in logarithms, in the answer.
+    `smoothing` in [0, 1) is the share of the present settings, in logarithms, in the answer;
+    `width` multiplies the channels of all layers.
     """
 
     cells: Tensor
     near: Tensor
 
     def __init__(
-        self, grid: SettingsGrid, limits: Limits = THESIS_LIMITS, smoothing: float = 0.0
+        self,
+        grid: SettingsGrid,
+        limits: Limits = THESIS_LIMITS,
+        smoothing: float = 0.0,
+        width: int = 1,
     ) -> None:
         super().__init__()
         self.limits, self.smoothing = limits, smoothing
         self.register_buffer("cells", torch.from_numpy(_cells(grid, limits)), persistent=False)
         self.register_buffer("near", torch.from_numpy(_near(grid)), persistent=False)
         columns, rows = THUMBNAIL_PX
-        self.first = nn.Conv2d(_CHANNELS_A_FRAME * FRAMES, 32, 4, 4)
-        self.offset = nn.Linear(2 * FRAMES, 32, bias=False)
+        narrow, wide = 32 * width, 64 * width
+        self.first = nn.Conv2d(_CHANNELS_A_FRAME * FRAMES, narrow, 4, 4)
+        self.offset = nn.Linear(2 * FRAMES, narrow, bias=False)
         self.stages = nn.Sequential(
-            nn.BatchNorm2d(32),
+            nn.BatchNorm2d(narrow),
             nn.ReLU(),
-            *_stage(32, 64),
-            *_stage(64, 64),
+            *_stage(narrow, wide),
+            *_stage(wide, wide),
             nn.Dropout(_DROPOUT),
         )
-        features = 64 * (columns // 16) * (rows // 16) + 2 * FRAMES
+        features = wide * (columns // 16) * (rows // 16) + 2 * FRAMES
         self.head = nn.Sequential(
-            nn.Linear(features, 128),
-            nn.BatchNorm1d(128),
+            nn.Linear(features, 2 * wide),
+            nn.BatchNorm1d(2 * wide),
             nn.ReLU(),
             nn.Dropout(_DROPOUT),
-            nn.Linear(128, 64),
+            nn.Linear(2 * wide, wide),
             nn.ReLU(),
-            nn.Linear(64, len(grid)),
+            nn.Linear(wide, len(grid)),
         )
 
     def forward(self, images: Tensor, settings: Tensor) -> Tensor:
@@ -133,6 +139,9 @@ class ScoreMapEnsemble(nn.Module):
         members: list[Any] = [self.first, *self.others]
         shares = [torch.softmax(one.scores(images, settings), 1) for one in members]
         return torch.log(torch.stack(shares).mean(0))
+
+
+ScoreMap = ScoreMapNetwork | ScoreMapEnsemble
 
 
 def _stage(inputs: int, outputs: int) -> tuple[nn.Module, ...]:

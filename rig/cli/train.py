@@ -13,7 +13,8 @@ from rig.models.names import SCORE_MAPS
 
 if TYPE_CHECKING:
     from rig.models.fit import TrainingProgress
-    from rig.models.pathfit import StageProgress
+    from rig.models.pathfit import PathRecipe
+    from rig.models.pathtrain import MemberProgress
 
 
 def train(
@@ -22,6 +23,7 @@ def train(
     net: str = "dual-small",
     epochs: int | None = None,
     steps: tuple[int, ...] = (),
+    members: int | None = None,
     batch_size: int | None = None,
     learning_rate: float | None = None,
     patience: int | None = None,
@@ -41,15 +43,17 @@ def train(
     out:
         The .onnx file to write; its card lies beside it.
     net:
-        dual-small or dual-large; map-small for path targets.
+        dual-small, dual-large, single or resnet18; map-small or map-large for path targets.
     epochs:
-        How often to pass over the samples, 20 when absent; not for map-small.
+        How often to pass over the samples, 20 when absent; not for score maps.
     steps:
-        Optimiser steps of a stage of map-small, once a stage.
+        Optimiser steps of a stage of a score map, once a stage.
+    members:
+        How many score maps to train, with seeds from --seed on, that answer together.
     learning_rate:
-        1e-4 when absent; the highest one of map-small's first stage, 2e-3.
+        1e-4 when absent; the highest one of a score map's first stage, 2e-3.
     patience:
-        Epochs without a better held-back loss before it ends, 5 when absent; not for map-small.
+        Epochs without a better held-back loss before it ends, 5 when absent; not for score maps.
     hold_back:
         Recordings or worlds to validate on; one world in five when absent.
     half:
@@ -59,8 +63,9 @@ def train(
     try:
         if net in SCORE_MAPS:
             _refuse(net, epochs=epochs, patience=patience)
-            return _train_map(targets, net, out, steps, given, seed, hold_back, half, terminal)
-        _refuse(net, steps=steps or None)
+            recipe = _map_recipe(net, seed, steps, given)
+            return _train_map(targets, net, out, recipe, members, hold_back, half, terminal)
+        _refuse(net, steps=steps or None, members=members)
         given |= {"epochs": epochs, "patience": patience}
         return _train_thesis(targets, net, out, given, seed, hold_back, half, terminal)
     except ModuleNotFoundError as error:
@@ -69,43 +74,57 @@ def train(
         raise RigError("rig train needs torch: pip install 'exposure-rig[train]'") from None
 
 
+def _map_recipe(
+    net: str, seed: int, steps: tuple[int, ...], given: Mapping[str, float | None]
+) -> PathRecipe:
+    from rig.models.pathfit import make_recipe
+
+    return make_recipe(net, seed, steps, **_only_given(given))
+
+
 def _train_map(
     targets: tuple[Path, ...],
     net: str,
     out: Path,
-    steps: tuple[int, ...],
-    given: Mapping[str, float | None],
-    seed: int,
+    recipe: PathRecipe,
+    members: int | None,
     hold_back: tuple[str, ...],
     half: bool,
     terminal: Terminal,
 ) -> int:
-    from rig.models.pathfit import make_recipe
     from rig.models.pathtrain import train_paths
 
-    recipe = make_recipe(seed, steps, **_only_given(given))
-    with terminal.progress("training", sum(recipe.steps)) as advance:
+    count = 1 if members is None else members
+    with terminal.progress("training", count * sum(recipe.steps)) as advance:
         result = train_paths(
             targets,
             net,
             out,
             recipe,
+            members=count,
             held_back=hold_back,
             half=half,
-            progress=stage_reporter(recipe.steps, advance, terminal),
+            progress=stage_reporter(count, recipe.steps, advance, terminal),
         )
-    kept = result.history[result.best_stage]
-    reached = ", ".join(f"{score.median:.0f}/{score.min:.0f}" for score in kept.held_back)
+    reached = ", ".join(f"{score.median:.0f}/{score.min:.0f}" for score in result.together)
+    stages = ", ".join(f"{m.best_stage + 1} of {len(m.history)}" for m in result.members)
     terminal.result(
-        f"{result.model}: stage {result.best_stage + 1} of {len(result.history)}, loss "
-        f"{kept.loss:.4f}, held-back median/minimum {reached or 'none'}; card: {result.card}",
+        f"{result.model}: stage {stages}, held-back median/minimum {reached or 'none'}; "
+        f"card: {result.card}",
         {
             "file": str(result.model),
             "card": str(result.card),
-            "best_stage": result.best_stage,
-            "history": [
-                [stage.loss, [[score.median, score.min] for score in stage.held_back]]
-                for stage in result.history
+            "held_back": [[score.median, score.min] for score in result.together],
+            "members": [
+                {
+                    "seed": member.seed,
+                    "best_stage": member.best_stage,
+                    "history": [
+                        [stage.loss, [[score.median, score.min] for score in stage.held_back]]
+                        for stage in member.history
+                    ],
+                }
+                for member in result.members
             ],
         },
     )
@@ -161,13 +180,19 @@ def _refuse(net: str, **options: object) -> None:
             raise UsageError(f"--{name.replace('_', '-')} does not go with --net {net}")
 
 
-def stage_reporter(steps: Sequence[int], advance: Advance, terminal: Terminal) -> StageProgress:
+def stage_reporter(
+    members: int, steps: Sequence[int], advance: Advance, terminal: Terminal
+) -> MemberProgress:
     """Return what shows a staged training: a bar, and with --verbose a line a stage."""
 
-    def report(stage: int, step: int, total: int, loss: float) -> None:
-        advance(sum(steps[:stage]) + step, sum(steps))
+    def report(member: int, stage: int, step: int, total: int, loss: float) -> None:
+        done = member * sum(steps) + sum(steps[:stage]) + step
+        advance(done, members * sum(steps))
         if step == total:
-            terminal.detail(f"stage {stage + 1} of {len(steps)}: loss {loss:.4f}")
+            terminal.detail(
+                f"network {member + 1} of {members}, stage {stage + 1} of {len(steps)}: "
+                f"loss {loss:.4f}"
+            )
 
     return report
 

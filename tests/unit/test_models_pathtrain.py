@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from rig.models.fit import Checkpoint
 from rig.models.pathfit import PathFit, PathRecipe, make_recipe
 from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
-from rig.models.scoremap import ScoreMapNetwork
+from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
 
 QUICK = PathRecipe(steps=(60, 20), learning_rates=(5e-3, 2e-3), batch_size=32, behaviours=2)
 
@@ -43,8 +44,26 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_it_learns_to_follow_the_light() -> None:
-    fit = PathFit(QUICK, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
+def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Path) -> None:
+    quick = replace(QUICK, steps=(4,), learning_rates=(5e-3,), behaviours=1)
+    paths = [save(tmp_path / "paths.npz", range(3))]
+    result = train_paths(paths, "map-small", tmp_path / "two.onnx", quick, members=2)
+    assert [member.seed for member in result.members] == [0, 1]
+    assert result.parity.difference < 1e-5 and len(result.together) == 1
+    assert "--members 2" in result.card.read_text()
+    with torch.inference_mode():
+        networks = [ScoreMapNetwork(GRID).eval() for _ in range(3)]
+        images, settings = torch.rand(4, 6, 48, 64), torch.rand(4, 6)
+        shares = [torch.softmax(one.scores(images, settings), 1) for one in networks]
+        together = ScoreMapEnsemble(networks)(images, settings)
+        expected = networks[0].decode(torch.log(sum(shares) / 3), settings)
+    assert torch.allclose(together, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("objective", ["values", "best"])
+def test_it_learns_to_follow_the_light(objective: str) -> None:
+    recipe = replace(QUICK, objective=objective)
+    fit = PathFit(recipe, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
     before = scores(NetworkCars(fit.network), [make_drive(9)], GRID)[0]
     losses: list[float] = []
     while not fit.finished:
@@ -95,7 +114,7 @@ def test_the_file_drives_as_the_network_does(trained: Path) -> None:
 def test_an_interrupted_training_keeps_a_checkpoint_of_its_own(tmp_path: Path) -> None:
     paths = save(tmp_path / "paths.npz", range(2))
 
-    def interrupt(stage: int, step: int, _steps: int, _loss: float) -> None:
+    def interrupt(_member: int, stage: int, step: int, _steps: int, _loss: float) -> None:
         if (stage, step) == (1, 3):
             raise KeyboardInterrupt
 
@@ -166,7 +185,7 @@ def test_options_of_the_other_kind_are_refused(
 
 
 def test_a_recipe_out_of_range_is_refused() -> None:
-    assert make_recipe(0, (5, 5)).learning_rates == (2e-3, 1.5e-3)
+    assert make_recipe("map-small", 0, (5, 5)).learning_rates == (2e-3, 1.5e-3)
     for options in ({"steps": (0,)}, {"learning_rate": 0.0}, {"batch_size": 1}):
         with pytest.raises(UsageError):
-            make_recipe(0, **options)  # type: ignore[arg-type]
+            make_recipe("map-small", 0, **options)  # type: ignore[arg-type]
