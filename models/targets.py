@@ -18,7 +18,7 @@ from rig.core.errors import RecordingError, UsageError
 from rig.core.types import PairRecord
 from rig.models.measuring import Stretch, stretches
 from rig.models.metrics import TargetMetric, Window, find_metric
-from rig.record.reader import open_recording
+from rig.record.reader import Recording, open_recording
 
 SCHEMA = "rig.targets/1"
 _ZIP_NAME_LENGTH_AT = 26
@@ -45,11 +45,11 @@ class RecordingSource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """P poses: the pictures of both cameras, their settings, and the settings to aim for.
+    """P poses: the K pictures of each, their settings, and the settings to aim for.
 
-    `images` is uint8 P x 2 x 3 x 224 x 224 (primary then secondary; red, green, blue), the used
-    settings are P x 2, everything else is P long. `recording` counts the file's recordings;
-    poses of equal `drive` follow each other without a loss.
+    `images` is uint8 P x K x 3 x 224 x 224 (of a pair: primary then secondary; red, green, blue),
+    the used settings are P x K, everything else is P long. `recording` counts the file's
+    recordings; poses of equal `drive` follow each other without a loss.
     """
 
     images: NDArray[np.uint8]
@@ -171,21 +171,33 @@ def _found_in(
 ) -> _Found:
     """Find the targets of one recording; raises RecordingError when there are none."""
     chosen, reach = find_metric(metric), Window(window, alpha)
-    source, records = _open(path, progress)
+    recording = open_recording(path)
+    source = _source(recording, path)
+    records = _watched(recording.records(), source.name, len(recording), progress)
     drives = [
         _with_targets(stretch, chosen, reach, drive)
-        for drive, stretch in enumerate(stretches(records, chosen))
+        for drive, stretch in enumerate(stretches(records, chosen, recording.header.intrinsics))
     ]
     if not drives:
         raise RecordingError(
-            f"{path}: no two complete pairs follow each other, so no pose has a target; "
+            f"{path}: no two complete poses follow each other, so no pose has a target; "
             "`rig verify` tells what was lost"
         )
     return _Found(source, drives)
 
 
 def _joined(found: Sequence[_Found]) -> Poses:
-    """Put the poses of all recordings behind each other, recordings and drives counted on."""
+    """Put the poses of all recordings behind each other, recordings and drives counted on.
+
+    Raises UsageError when some have more pictures a pose than others.
+    """
+    counts = {each.source.name: each.drives[0].images.shape[1] for each in found}
+    if len(set(counts.values())) > 1:
+        fewest, most = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
+        raise UsageError(
+            f"{fewest} has {counts[fewest]} pictures a pose and {most} has {counts[most]}: make a "
+            "target file of each kind, training takes several"
+        )
     drives: list[Poses] = []
     for index, each in enumerate(found):
         before = len(drives)
@@ -205,11 +217,10 @@ def _joined(found: Sequence[_Found]) -> Poses:
     )
 
 
-def _open(path: Path, progress: Progress | None) -> tuple[RecordingSource, Iterator[PairRecord]]:
-    recording = open_recording(path)
+def _source(recording: Recording, path: Path) -> RecordingSource:
     header = recording.header
     folder = path if path.is_dir() else path.parent
-    source = RecordingSource(
+    return RecordingSource(
         name=folder.resolve().name,
         sha256=_sha256(folder),
         triggers=len(recording),
@@ -219,21 +230,6 @@ def _open(path: Path, progress: Progress | None) -> tuple[RecordingSource, Itera
         leader=header.controllers.primary,
         options=dict(header.options),
     )
-    records = _one_pair_a_pose(recording.records(), path)
-    return source, _watched(records, source.name, len(recording), progress)
-
-
-def _one_pair_a_pose(records: Iterable[PairRecord], path: Path) -> Iterator[PairRecord]:
-    """Pass records on; a sweep has other samples of a pose than its neighbours in time."""
-    last_pose: int | None = None
-    for record in records:
-        if record.pose_index == last_pose:
-            raise RecordingError(
-                f"{path}: pose {last_pose} was taken more than once, as in a sweep; windowed "
-                "targets need one pair a pose: record with `rig collect --perturb cycle`"
-            )
-        last_pose = record.pose_index
-        yield record
 
 
 def _watched(

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from rig.core.types import Frame, Pair, PairRecord, Settings
+from rig.core.types import Frame, Intrinsics, Pair, PairRecord, Settings, Truth
 from rig.models.dataset import Samples
 from rig.models.fit import Fit, Recipe
 from rig.models.measuring import stretches
@@ -22,6 +22,7 @@ from rig.models.metrics import METRICS
 from rig.models.targets import Poses, RecordingSource, Targets
 
 BATCH = 64
+LENSES = Pair(*(Intrinsics(1024, 768, 903.0, 903.0, 512.0, 384.0) for _ in range(2)))
 
 
 def main() -> None:
@@ -39,8 +40,8 @@ def main() -> None:
 
 def bench_targets(metric: str) -> None:
     records = made_records(12)
-    list(stretches(records[:3], METRICS[metric]))
-    wall_s, cpu_s = timed(lambda: list(stretches(records, METRICS[metric])))
+    list(stretches(records[:3], METRICS[metric], LENSES))
+    wall_s, cpu_s = timed(lambda: list(stretches(records, METRICS[metric], LENSES)))
     count = len(records)
     wall_ms, cpu_ms = 1e3 * wall_s / count, 1e3 * cpu_s / count
     print(f"targets {metric:7} {wall_ms:7.1f} ms wall, {cpu_ms:.1f} CPU, a pair")
@@ -106,7 +107,8 @@ def made_record(trigger: int, wall: np.ndarray) -> PairRecord:
 
     shot = Pair(frame(1), frame(2))
     used = Pair(*(taken.used for taken in shot))
-    return PairRecord(trigger, trigger, used, used, shot, Pair(None, None), 0, "")
+    truth = Truth((0.1 * trigger, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 100.0)
+    return PairRecord(trigger, trigger, used, used, shot, Pair(None, None), 0, "", truth)
 
 
 if __name__ == "__main__":

@@ -34,9 +34,10 @@ def targets(
     out:
         The target file to write.
     metric:
-        feat, grid, hybrid of both, or path: the best path over all settings of a drive.
+        feat, uni, grid, seq, hybrid (of feat and grid), pose, or path: the best path over all
+        settings of a drive.
     window:
-        How many poses ahead the best picture may lie.
+        How many poses ahead the best picture may lie; 1 for sweeps.
     alpha:
         Weight of feat in hybrid, 0 to 1.
     seeds:

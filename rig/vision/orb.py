@@ -74,7 +74,7 @@ class OrbFrontEnd:
     def features(self, grey: NDArray[np.uint8]) -> OrbFeatures:
         """Return the strongest features of a grey H x W picture; none is a valid answer."""
         orb = cv2.ORB.create(self.features_max)
-        keypoints, descriptors = orb.detectAndCompute(self._analysed(grey), None)
+        keypoints, descriptors = orb.detectAndCompute(self.analysed(grey), None)
         if not keypoints:
             descriptors = np.empty((0, DESCRIPTOR_BYTES), np.uint8)
         points_px = np.array([point.pt for point in keypoints], np.float32).reshape(-1, 2)
@@ -82,7 +82,7 @@ class OrbFrontEnd:
 
     def count(self, grey: NDArray[np.uint8]) -> int:
         """Return how many features the picture has, without describing them (M_feat)."""
-        return len(cv2.ORB.create(self.features_max).detect(self._analysed(grey), None))
+        return len(cv2.ORB.create(self.features_max).detect(self.analysed(grey), None))
 
     def match(self, a: OrbFeatures, b: OrbFeatures) -> OrbMatches:
         """Return the mutual matches of two pictures and which are inliers (M_grid, thesis 4.2.4).
@@ -93,7 +93,8 @@ class OrbFrontEnd:
         points_a, points_b = a.points_px[pairs[:, 0]], b.points_px[pairs[:, 1]]
         return OrbMatches(points_a, points_b, self._inliers(points_a, points_b))
 
-    def _analysed(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def analysed(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the picture in which features are looked for."""
         height_px, width_px = grey.shape
         if self.size_px is None or self.size_px == (width_px, height_px):
             return grey

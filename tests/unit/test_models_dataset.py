@@ -110,3 +110,24 @@ def test_recordings_can_be_held_back_by_name() -> None:
         hold_back(sources, ["drive_1"], 0)
     with pytest.raises(UsageError, match="every recording is held back"):
         hold_back(sources, ["drive-0", "drive-1", "drive-2"], 0)
+
+
+def test_a_sweep_gives_up_to_25_samples_from_too_dark_to_too_bright() -> None:
+    rng = np.random.default_rng(1)
+    count, pictures = 4, 50
+    exposure_us = np.tile(np.geomspace(75, 30_000, pictures), (count, 1))
+    poses = replace(
+        make_targets_file(0, count).poses,
+        images=rng.integers(0, 256, (count, pictures, 3, 224, 224), np.uint8),
+        used_exposure_us=exposure_us,
+        used_gain_db=np.full((count, pictures), 10.0),
+        target_exposure_us=np.full(count, 1_500.0),
+        target_gain_db=np.full(count, 10.0),
+    )
+    samples = _samples(replace(make_targets_file(0, count), poses=poses))
+    assert 20 * count < len(samples) <= 25 * count
+    last = samples.batch(np.arange(len(samples) - 25, len(samples)))
+    newest = 75 + 29_925 * last.settings[:, 0]
+    assert newest.min() < 400 and newest.max() > 6_000
+    assert np.median(newest) == pytest.approx(1_500, rel=0.5)
+    assert len(np.unique(last.settings, axis=0)) == 25

@@ -127,7 +127,7 @@ def test_controller_sees_while_driving_what_the_network_saw_in_training(
     controller = NetworkController(tmp_path / "n.onnx")
     controller.reset(THESIS_LIMITS)
     records = list(SyntheticRun(triggers=12).records())[3:8]
-    (stretch,) = stretches(records, METRICS["feat"])
+    (stretch,) = stretches(records, METRICS["feat"], SyntheticRun().header.intrinsics)
     for at, record in enumerate(records):
         frame = record.shot.primary
         assert isinstance(frame, Frame)

@@ -9,12 +9,15 @@ from rig.core.errors import UsageError
 from rig.models.metrics import Drive, Window, find_metric
 
 
-def _drive(count: int, seed: int = 0) -> Drive:
+def _drive(count: int, seed: int = 0, pictures: int = 2) -> Drive:
     rng = np.random.default_rng(seed)
+    shape = (count, pictures)
     return Drive(
-        used=np.stack([rng.uniform(75, 30_000, (count, 2)), rng.uniform(0, 30, (count, 2))], -1),
-        features=rng.integers(0, 6, (count, 2)),
-        inliers=rng.integers(0, 6, (count - 1, 2, 2)),
+        used=np.stack([rng.uniform(75, 30_000, shape), rng.uniform(0, 30, shape)], -1),
+        features=rng.integers(0, 6, shape),
+        uniformity=rng.uniform(0, 1, shape),
+        inliers=rng.integers(0, 6, (count - 1, pictures, pictures)),
+        pose_errors_deg=rng.uniform(0, 9, (count - 1, pictures, pictures)),
     )
 
 
@@ -62,6 +65,27 @@ def test_grid_takes_the_settings_of_the_later_picture_and_its_camera() -> None:
     np.testing.assert_array_equal(chosen[2], drive.used[3, 0])
 
 
+def test_sequence_follows_the_picture_chosen_before() -> None:
+    drive = _drive(5, pictures=7)
+    chosen, targets = int(drive.features[0].argmax()), []
+    for pose in range(4):
+        chosen = int(drive.inliers[pose, chosen].argmax())
+        targets.append(drive.used[pose + 1, chosen])
+    np.testing.assert_array_equal(find_metric("seq").choose(drive, Window(4)), targets)
+
+
+def test_evenness_and_pose_choose_the_largest_and_the_smallest_of_all_pictures() -> None:
+    drive = _drive(3, pictures=7)
+    even = drive.uniformity[1].argmax()
+    np.testing.assert_array_equal(
+        find_metric("uni").choose(drive, Window(1))[0], drive.used[1, even]
+    )
+    _, later = np.unravel_index(drive.pose_errors_deg[1].argmin(), (7, 7))
+    np.testing.assert_array_equal(
+        find_metric("pose").choose(drive, Window(1))[1], drive.used[2, later]
+    )
+
+
 def test_metrics_say_what_they_need() -> None:
     assert (find_metric("feat").needs_features, find_metric("feat").needs_inliers) == (True, False)
     assert (find_metric("grid").needs_features, find_metric("grid").needs_inliers) == (False, True)
@@ -72,7 +96,7 @@ def test_metrics_say_what_they_need() -> None:
 def test_unknown_metric_gets_a_suggestion() -> None:
     with pytest.raises(UsageError, match=r"'hybird'.*did you mean 'hybrid'"):
         find_metric("hybird")
-    with pytest.raises(UsageError, match="choose from feat, grid, hybrid"):
+    with pytest.raises(UsageError, match="choose from feat, uni, grid, seq, hybrid, pose"):
         find_metric("xyz")
 
 

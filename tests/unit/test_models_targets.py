@@ -6,18 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from synthetic_run import SyntheticRun
 from synthetic_targets import make_targets_file
 
 from rig.core.errors import RecordingError, UsageError
-from rig.core.types import Frame
+from rig.core.types import Frame, Truth
 from rig.models.measuring import stretches
 from rig.models.metrics import find_metric
+from rig.models.posing import LOST_DEG, pose_error_deg, true_motion
 from rig.models.targets import Poses, Targets, make_targets
 from rig.record.writer import RecordWriter
 from rig.vision.bayer import to_grey, to_rgb224
-from rig.vision.orb import OrbFrontEnd
+from rig.vision.orb import OrbFeatures, OrbFrontEnd
 
+_NONE = (np.empty((0, 2), np.float32), np.empty((0, 32), np.uint8))
 CAMERAS = "sim:tunnel?seed=4&split=train"
 
 
@@ -60,8 +63,9 @@ def test_pictures_and_settings_are_those_of_the_frames(hybrid: Targets) -> None:
 
 
 def test_measures_are_feature_counts_and_inliers_of_all_four_combinations() -> None:
-    records = list(SyntheticRun(triggers=8).records())[:3]
-    (stretch,) = stretches(records, find_metric("hybrid"))
+    run = SyntheticRun(triggers=8)
+    records = list(run.records())[:3]
+    (stretch,) = stretches(records, find_metric("hybrid"), run.header.intrinsics)
     grey = [
         [to_grey(f.image, f.pixel_format) for f in r.shot if isinstance(f, Frame)] for r in records
     ]
@@ -151,16 +155,63 @@ class _Sweep(SyntheticRun):
             yield replace(record, pose_index=record.trigger // 2)
 
 
-def test_sweeps_are_refused(tmp_path: Path) -> None:
+def test_pictures_taken_standing_still_belong_to_one_pose(tmp_path: Path) -> None:
+    sweep = _record(tmp_path / "sweep", _Sweep(triggers=6))
+    poses = make_targets([sweep], "feat", 1).poses
+    assert poses.images.shape[:2] == (2, 4)
+    assert (poses.trigger.tolist(), poses.pose_index.tolist()) == ([0, 2], [0, 1])
+    assert poses.target_gain_db[0] in poses.used_gain_db[1]
+    lost = _record(tmp_path / "lost", _Sweep(triggers=10, lost={5: "timeout"}))
+    assert make_targets([lost], "feat", 1).poses.trigger.tolist() == [0, 6]
+
+
+def test_sweeps_and_pairs_do_not_share_a_file(tmp_path: Path, recording: Path) -> None:
     sweep = _record(tmp_path / "sweep", _Sweep(triggers=4))
-    with pytest.raises(RecordingError, match="sweep: pose 0 was taken more than once"):
-        make_targets([sweep], "feat")
+    with pytest.raises(UsageError, match="drive has 2 pictures a pose and sweep has 4"):
+        make_targets([recording, sweep], "feat")
+
+
+def test_a_motion_is_recovered_and_a_wrong_one_is_as_wrong_as_it_is() -> None:
+    rng = np.random.default_rng(4)
+    lens = SyntheticRun().header.intrinsics.primary
+    points_m = rng.uniform((-3, -2, 4), (3, 2, 12), (300, 3))
+    words = rng.integers(0, 256, (300, 32)).astype(np.uint8)
+    start = Truth((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 1.0)
+    half = 0.02
+    end = Truth((0.1, 0.0, 0.5), (0.0, np.sin(half), 0.0, np.cos(half)), 1.0)
+
+    def seen(truth: Truth) -> OrbFeatures:
+        turn = Rotation.from_quat(truth.orientation_xyzw).as_matrix()
+        there = (points_m - truth.position_m) @ turn
+        pixels = there[:, :2] / there[:, 2:] * lens.fx_px + (lens.cx_px, lens.cy_px)
+        analysed = (pixels + 0.5) * (512 / lens.width_px) - 0.5
+        return OrbFeatures(analysed.astype(np.float32), words)
+
+    a, b = seen(start), seen(end)
+    assert pose_error_deg(a, b, lens, true_motion(start, end)) < 0.05
+    unturned = replace(end, orientation_xyzw=start.orientation_xyzw)
+    wrong = pose_error_deg(a, b, lens, true_motion(start, unturned))
+    assert wrong == pytest.approx(2 * np.degrees(2 * half), abs=0.1)
+    assert pose_error_deg(a, OrbFeatures(*_NONE), lens, true_motion(start, end)) == LOST_DEG
+
+
+def test_pose_targets_need_true_poses(tmp_path: Path) -> None:
+    class Blind(SyntheticRun):
+        def records(self):  # type: ignore[no-untyped-def]
+            for record in super().records():
+                yield replace(record, truth=None)
+
+    blind = _record(tmp_path / "blind", Blind(triggers=3))
+    with pytest.raises(RecordingError, match="no true poses"):
+        make_targets([blind], "pose")
+    seen = _record(tmp_path / "seen", SyntheticRun(triggers=3))
+    assert len(make_targets([seen], "pose", 1).poses) == 2
 
 
 def test_recordings_without_two_pairs_in_a_row_are_refused(tmp_path: Path) -> None:
     lost: Mapping[int, str] = {1: "timeout", 3: "timeout"}
     holes = _record(tmp_path / "holes", SyntheticRun(triggers=4, lost=lost))
-    with pytest.raises(RecordingError, match="holes: no two complete pairs"):
+    with pytest.raises(RecordingError, match="holes: no two complete poses"):
         make_targets([holes], "feat")
 
 
