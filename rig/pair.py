@@ -37,6 +37,14 @@ class PairShot:
     cause: str
 
 
+def both_frames(shot: PairShot) -> Pair[Frame] | None:
+    """Return the two frames of a whole pair; None when anything was lost."""
+    primary, secondary = shot.frames
+    if shot.cause or isinstance(primary, Lost) or isinstance(secondary, Lost):
+        return None
+    return Pair(primary, secondary)
+
+
 @dataclass(slots=True)
 class CameraPair:
     """The cameras of a source, fired together and checked against each other."""

@@ -1,13 +1,6 @@
-"""Digits that a person reads from two metres, and keys pressed while pictures go by."""
+"""Words and numbers that a person reads from two metres, drawn with blocks."""
 
 from __future__ import annotations
-
-import select
-import sys
-import termios
-import tty
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 
 _FONT = {
     "0": ("███", "█ █", "█ █", "█ █", "███"),
@@ -23,38 +16,31 @@ _FONT = {
     "+": ("   ", " █ ", "███", " █ ", "   "),
     "-": ("   ", "   ", "███", "   ", "   "),
     ".": (" ", " ", " ", " ", "█"),
-    " ": ("   ", "   ", "   ", "   ", "   "),
+    " ": ("  ", "  ", "  ", "  ", "  "),
+    "A": ("███", "█ █", "███", "█ █", "█ █"),
+    "C": ("███", "█  ", "█  ", "█  ", "███"),
+    "D": ("██ ", "█ █", "█ █", "█ █", "██ "),
+    "E": ("███", "█  ", "██ ", "█  ", "███"),
+    "H": ("█ █", "█ █", "███", "█ █", "█ █"),
+    "I": ("█", "█", "█", "█", "█"),
+    "K": ("█ █", "█ █", "██ ", "█ █", "█ █"),
+    "L": ("█  ", "█  ", "█  ", "█  ", "███"),
+    "N": ("█  █", "██ █", "█ ██", "█  █", "█  █"),
+    "O": ("███", "█ █", "█ █", "█ █", "███"),
+    "P": ("███", "█ █", "███", "█  ", "█  "),
+    "S": ("███", "█  ", "███", "  █", "███"),
+    "T": ("███", " █ ", " █ ", " █ ", " █ "),
+    "W": ("█   █", "█   █", "█ █ █", "██ ██", "█   █"),
 }
+ROWS = 5
 
 
-def big(words: str, columns: int, lines: int) -> str:
-    """Return digits, signs and points as large as `columns` x `lines` of a terminal allow."""
-    rows = ["  ".join(_FONT[letter][row] for letter in words) for row in range(5)]
-    wide = max(1, min(columns // max(len(rows[0]), 1), 2 * (lines // 5)))
-    tall = max(1, min(lines // 5, (wide + 1) // 2))
-    stretched = ("".join(letter * wide for letter in row) for row in rows)
-    return "\n".join("\n".join([row] * tall) for row in stretched)
+def big(words: str, columns: int, lines: int) -> list[str]:
+    """Return the rows of digits, signs and capitals, as large as `columns` x `lines` allow.
 
-
-@contextmanager
-def keyboard() -> Iterator[Callable[[], str]]:
-    """Give a function that returns the keys pressed since its last call; none without a terminal.
-
-    The terminal is as it was afterwards; Ctrl-C keeps its meaning.
+    Twice as wide as tall, because a terminal's cell is twice as tall as wide.
     """
-    if not sys.stdin.isatty():
-        yield lambda: ""
-        return
-    before = termios.tcgetattr(sys.stdin)
-
-    def pressed() -> str:
-        keys = ""
-        while select.select([sys.stdin], [], [], 0)[0]:
-            keys += sys.stdin.read(1)
-        return keys
-
-    try:
-        tty.setcbreak(sys.stdin)
-        yield pressed
-    finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+    rows = [" ".join(_FONT[letter][row] for letter in words) for row in range(ROWS)]
+    tall = max(1, min(lines // ROWS, columns // (2 * len(rows[0]))))
+    wide = max(1, min(2 * tall, columns // len(rows[0])))
+    return [stretched for row in rows for stretched in ["".join(c * wide for c in row)] * tall]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import shutil
 import sys
 import time
 from contextlib import ExitStack, closing
@@ -13,13 +12,16 @@ from typing import Annotated, Any, Protocol
 
 from cyclopts import Parameter
 
-from rig.calibration.aperture import TOLERANCE_STOPS, Turner
-from rig.calibration.aperture_guide import ApertureGuide, ApertureResult
+from rig.calibration.aperture.guide import ApertureGuide, ApertureResult
+from rig.calibration.aperture.hand import Hand
+from rig.calibration.aperture.linearity import LINEARITY_STOPS
+from rig.calibration.aperture.reading import TOLERANCE_STOPS
 from rig.calibration.files import SCHEMA, today
-from rig.cli.big import big, keyboard
+from rig.cli.aperture_display import KEYS, page_state, show
 from rig.cli.calibration import DEFAULT_CALIBRATION, CalibrationOptions, store, tell
 from rig.cli.drive import announce
 from rig.cli.interrupt import stop_on_signal
+from rig.cli.keyboard import keyboard
 from rig.cli.options import chosen_cameras, make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions, live_page
@@ -28,16 +30,13 @@ from rig.core.errors import CalibrationError, UsageError
 from rig.core.protocols import Source
 from rig.core.types import Frame, Pair
 from rig.drivers.registry import open_source
-from rig.pair import CameraPair
-from rig.web.slot import Glimpse, Slot
+from rig.pair import CameraPair, both_frames
+from rig.web.slot import Glimpse
 
 DEFAULT_CAMERAS = "sim:wall"
 PLOT = "histograms.svg"
-KEYS = {"o": 5.0, "c": -5.0, "O": 1.0, "C": -1.0}
-_LABELS = [["o", "open 5°"], ["c", "close 5°"], ["O", "open 1°"], ["C", "close 1°"]]
 _AUTO_FRAMES = 600
 _PERSON_PACE_S = 0.1
-_SAY_EVERY = 10
 
 
 class Ring(Protocol):
@@ -79,14 +78,18 @@ def calibrate_aperture(
         check_somebody_turns(ring, auto, web)
         frames = options.frames or (_AUTO_FRAMES if auto else None)
         announce(source, frames, terminal)
-        guide = ApertureGuide(CameraPair(source).limits.primary, tolerance_stops, hold_s)
-        session = Session(source, guide, ring, Turner(tolerance_stops) if auto else None)
-        result = run(session, frames, web, terminal)
+        limits = CameraPair(source).limits
+        guide = ApertureGuide(limits.primary.within(limits.secondary), tolerance_stops, hold_s)
+        session = Session(source, guide, ring, Hand(tolerance_stops) if auto else None)
+        triggers = run(session, frames, web, terminal)
         serials = Pair(*(camera.serial for camera in source.cameras))
+    result = guide.result
+    if result is None:
+        raise CalibrationError(not_locked(guide, triggers))
     make_folder(folder)
     (folder / PLOT).write_text(result.plot, encoding="utf-8")
     file = store(folder, as_calibration(result, serials, options.lens), options)
-    return tell(terminal, words(result), file, abs(result.ratio_stops), tolerance_stops,
+    return tell(terminal, words(result), file, abs(result.linear.ratio_stops), tolerance_stops,
                 result.passed, named(result))  # fmt: skip
 
 
@@ -115,11 +118,11 @@ class Session:
     source: Source
     guide: ApertureGuide
     ring: Ring | None
-    turner: Turner | None
+    hand: Hand | None
     keys: queue.SimpleQueue[str] = field(default_factory=queue.SimpleQueue)
 
     def press(self, key: str) -> bool:
-        """Take a key from the page; it is acted on by the loop."""
+        """Take a key from the terminal or the page; it is acted on by the loop."""
         known = self.ring is not None and key in KEYS
         if known:
             self.keys.put(key)
@@ -131,43 +134,40 @@ class Session:
             return
         while not self.keys.empty():
             self.ring.turn(KEYS[self.keys.get()])
-        if self.turner is not None and self.guide.turning and self.guide.reading is not None:
-            degrees = self.turner.next_degrees(self.guide.reading.ratio_stops)
+        if self.hand is not None and self.guide.turning and self.guide.reading is not None:
+            degrees = self.hand.next_degrees(self.guide.reading.ratio_stops)
             if degrees:
                 self.ring.turn(degrees)
 
 
-def run(
-    session: Session, frames: int | None, web: WebOptions, terminal: Terminal
-) -> ApertureResult:
-    """Take pairs until the guide has its result; raises CalibrationError when it never gets one."""
-    source, guide = session.source, session.guide
-    pair = CameraPair(source)
-    by_hand = session.turner is None and not source.real_time
+def run(session: Session, frames: int | None, web: WebOptions, terminal: Terminal) -> int:
+    """Take pairs until the guide has its result, or it is ended; return the triggers it took."""
+    pair, guide = CameraPair(session.source), session.guide
+    in_hand = session.ring is not None and session.hand is None
     with ExitStack() as stack:
-        stop = stack.enter_context(stop_on_signal())
+        stop = stack.enter_context(stop_on_signal("leaving the calibration"))
         pressed = stack.enter_context(keyboard())
         view = stack.enter_context(live_page(web, terminal, session.press))
         while guide.result is None and not stop.requested:
             if frames is not None and pair.triggers >= frames:
                 break
             pair.apply(Pair(guide.settings, guide.settings))
-            shot = pair.shoot()
-            primary, secondary = shot.frames
-            if shot.cause or not (isinstance(primary, Frame) and isinstance(secondary, Frame)):
+            seen = both_frames(pair.shoot())
+            if seen is None:
                 continue
-            guide.see(Pair(primary, secondary))
+            guide.see(seen)
             for key in pressed():
                 session.press(key)
             session.turn()
-            show(guide, pair.triggers, terminal)
+            show(guide, pair.triggers, in_hand, terminal)
             if view is not None:
-                publish(view.slot, guide, Pair(primary, secondary), session.ring is not None)
-            if by_hand:
+                shown = page_state(guide, seen, in_hand)
+                view.slot.put(Glimpse(Pair[Frame | None](*seen), partial(dict[str, Any], shown)))
+            if in_hand:
                 time.sleep(_PERSON_PACE_S)
-    if guide.result is None:
-        raise CalibrationError(not_locked(guide, pair.triggers))
-    return guide.result
+    if stop.requested and guide.result is None:
+        raise KeyboardInterrupt
+    return pair.triggers
 
 
 def not_locked(guide: ApertureGuide, triggers: int) -> str:
@@ -175,58 +175,9 @@ def not_locked(guide: ApertureGuide, triggers: int) -> str:
     if guide.reading is None:
         return f"no light measured within {triggers} triggers; light the surface and start again"
     state = f"{guide.reading.ratio_stops:+.2f} stops"
-    told = "; ".join(guide.reading.warnings) or f"{guide.hint}'s ring, then hold still"
+    turn = f"{guide.hint.lower()} the secondary's ring, then hold still"
+    told = "; ".join(guide.reading.warnings) or turn
     return f"not locked after {triggers} triggers, last {state}: {told}"
-
-
-def show(guide: ApertureGuide, triggers: int, terminal: Terminal) -> None:
-    """Draw the ratio large on a terminal, or say it once a second elsewhere."""
-    if terminal.quiet or guide.reading is None:
-        return
-    ratio = f"{guide.reading.ratio_stops:+.2f}"
-    warnings = guide.reading.warnings
-    if not sys.stderr.isatty():
-        if triggers % _SAY_EVERY == 0:
-            terminal.say(" | ".join([f"{ratio} stops", guide.hint, *warnings]))
-        return
-    columns, lines = shutil.get_terminal_size()
-    rows = [big(ratio, columns, max(lines - 8, 5)), "", f"stops   {guide.hint}"]
-    rows += [f"! {warning}" for warning in warnings]
-    rows += ["", guide.history.spark(columns - 1)]
-    print("\033[H\033[2J" + "\n".join(rows), file=sys.stderr, flush=True)
-
-
-def publish(slot: Slot, guide: ApertureGuide, frames: Pair[Frame], keys: bool) -> None:
-    """Leave the state for the page."""
-    shown = page_state(guide, frames, keys)
-    slot.put(Glimpse(Pair[Frame | None](*frames), partial(dict[str, Any], shown)))
-
-
-def page_state(guide: ApertureGuide, frames: Pair[Frame], keys: bool) -> dict[str, Any]:
-    """Return what the page shows of a calibration."""
-    reading = guide.reading
-    state: dict[str, Any] = {
-        "title": "aperture calibration",
-        "status": guide.hint,
-        "hint": guide.hint,
-        "values": [
-            ["exposure", *(f"{frame.used.exposure_us:.0f} us" for frame in frames)],
-            ["gain", *(f"{frame.used.gain_db:.1f} dB" for frame in frames)],
-        ],
-        "history": list(guide.history.stops),
-        "keys": _LABELS if keys else [],
-    }
-    if reading is not None:
-        holds = guide.locked or guide.hint == "HOLD"
-        state["big"] = f"{reading.ratio_stops:+.2f}"
-        state["level"] = "good" if holds and not reading.warnings else "warn"
-        state["notes"] = reading.warnings
-        state["values"] += [
-            ["mean", *(f"{each.mean_dn:.1f}" for each in reading.looks)],
-            ["saturated", *(f"{each.saturated:.2%}" for each in reading.looks)],
-            ["unevenness", *(f"{each.uneven:.1%}" for each in reading.looks)],
-        ]
-    return state
 
 
 def as_calibration(result: ApertureResult, serials: Pair[str], lens: str) -> Calibration:
@@ -238,8 +189,8 @@ def as_calibration(result: ApertureResult, serials: Pair[str], lens: str) -> Cal
         secondary_serial=serials.secondary,
         lens=lens,
         aperture=ApertureCalibration(
-            ratio_stops=result.ratio_stops,
-            uncertainty_stops=result.uncertainty_stops,
+            ratio_stops=result.linear.ratio_stops,
+            uncertainty_stops=result.linear.error_stops,
             tolerance_stops=result.tolerance_stops,
             linearity_stops=result.linear.worst_stops,
             exposure_us=result.settings.exposure_us,
@@ -251,8 +202,8 @@ def as_calibration(result: ApertureResult, serials: Pair[str], lens: str) -> Cal
 def named(result: ApertureResult) -> dict[str, object]:
     """Return every quantity under its name and unit."""
     return {
-        "ratio_stops": result.ratio_stops,
-        "uncertainty_stops": result.uncertainty_stops,
+        "ratio_stops": result.linear.ratio_stops,
+        "uncertainty_stops": result.linear.error_stops,
         "primary_mean_dn": result.means_dn.primary,
         "secondary_mean_dn": result.means_dn.secondary,
         "exposure_us": result.settings.exposure_us,
@@ -269,10 +220,16 @@ def named(result: ApertureResult) -> dict[str, object]:
 def words(result: ApertureResult) -> str:
     """Return the result as lines for a person."""
     a, b = result.means_dn
+    linear = result.linear
+    crooked = (
+        ""
+        if linear.worst_stops <= LINEARITY_STOPS
+        else "\nnot linear: switch gamma off (GammaEnable), or the light is not steady"
+    )
     return (
-        f"secondary over primary: {result.ratio_stops:+.4f} +- {result.uncertainty_stops:.4f} "
+        f"secondary over primary: {linear.ratio_stops:+.4f} +- {linear.error_stops:.4f} "
         f"stops, means {a:.1f} and {b:.1f}\n"
-        f"linear within {result.linear.worst_stops:.4f} stops at "
-        f"{', '.join(f'{t:.0f}' for t in result.linear.exposures_us)} us\n"
-        "lock both rings now"
+        f"linear within {linear.worst_stops:.4f} stops at "
+        f"{', '.join(f'{t:.0f}' for t in linear.exposures_us)} us\n"
+        f"lock both rings now{crooked}"
     )

@@ -20,9 +20,9 @@ from rig.cli.options import chosen_cameras, make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import CalibrationError, RigError
 from rig.core.protocols import Source
-from rig.core.types import SIDES, Auto, Frame, Pair, Settings
+from rig.core.types import SIDES, Auto, Pair, Settings
 from rig.drivers.registry import open_source
-from rig.pair import CameraPair
+from rig.pair import CameraPair, both_frames
 from rig.record.reader import open_recording
 from rig.vision.bayer import to_grey
 
@@ -105,9 +105,9 @@ def live_pairs(source: Source, frames: int | None) -> Iterator[GreyPair]:
     while frames is None or pair.triggers < frames:
         trigger = pair.triggers
         shot = pair.shoot()
-        primary, secondary = shot.frames
-        if not shot.cause and isinstance(primary, Frame) and isinstance(secondary, Frame):
-            greys = Pair(*(to_grey(f.image, f.pixel_format) for f in (primary, secondary)))
+        seen = both_frames(shot)
+        if seen is not None:
+            greys = Pair(*(to_grey(frame.image, frame.pixel_format) for frame in seen))
             yield GreyPair(trigger, greys, shot.offset_ns)
 
 

@@ -6,34 +6,25 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rig.calibration.aperture import (
-    LINEARITY_STOPS,
-    History,
-    Linearity,
-    Lock,
-    Look,
-    Meter,
-    Reading,
-    direction,
-    histogram,
-    linearity,
-    look,
-    ratio_stops,
-)
+from rig.calibration.aperture.history import History
+from rig.calibration.aperture.linearity import LINEARITY_STOPS, Linearity, linearity
+from rig.calibration.aperture.lock import Lock
+from rig.calibration.aperture.meter import Meter
+from rig.calibration.aperture.reading import Reading, direction, ratio_stops
+from rig.calibration.aperture.surface import Look, histogram, look
 from rig.calibration.plots import histogram_plot
 from rig.core.types import Frame, Limits, Pair, Settings
 
 _SHARES = (0.35, 0.7, 1.0)
 _FRAMES_EACH = 4
-_LONGEST_US = 30_000.0
+_FRAMES = len(_SHARES) * _FRAMES_EACH
+_START_US = 1_000.0
 
 
 @dataclass(frozen=True, slots=True)
 class ApertureResult:
-    """How alike both cameras see; `uncertainty_stops` is one standard deviation."""
+    """How alike both cameras see, as the three exposures of the linearity check tell."""
 
-    ratio_stops: float
-    uncertainty_stops: float
     tolerance_stops: float
     means_dn: Pair[float]
     settings: Settings
@@ -45,7 +36,7 @@ class ApertureResult:
     @property
     def passed(self) -> bool:
         """Return whether both cameras agree and are linear."""
-        alike = abs(self.ratio_stops) <= self.tolerance_stops
+        alike = abs(self.linear.ratio_stops) <= self.tolerance_stops
         return alike and self.linear.worst_stops <= LINEARITY_STOPS
 
 
@@ -61,32 +52,25 @@ class ApertureGuide:
     hold_s: float
     reading: Reading | None = None
     result: ApertureResult | None = None
+    locked: bool = False
     history: History = field(default_factory=History)
     _meter: Meter = field(init=False)
     _lock: Lock = field(init=False)
-    _held: list[float] = field(default_factory=list)
     _steps: list[tuple[float, Pair[float]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        shortest_us, longest_us = self.limits.exposure_us
-        gain_db = self.limits.gain_db[0]
-        start = Settings(min(max(1_000.0, shortest_us), longest_us), gain_db)
-        self._meter = Meter(start, min(longest_us, _LONGEST_US), shortest_us)
+        start = Settings(_START_US, self.limits.gain_db[0]).clamp(self.limits)
+        self._meter = Meter(start, self.limits)
         self._lock = Lock(self.tolerance_stops, self.hold_s)
 
     @property
     def settings(self) -> Settings:
         """Return what both cameras use for the next pair."""
-        if self.locked and len(self._steps) < len(_SHARES) * _FRAMES_EACH:
-            share = _SHARES[len(self._steps) // _FRAMES_EACH]
-            base = self._meter.settings
-            return Settings(float(round(share * base.exposure_us)), base.gain_db)
-        return self._meter.settings
-
-    @property
-    def locked(self) -> bool:
-        """Return whether the ratio has held for long enough."""
-        return bool(self._held)
+        base = self._meter.settings
+        if not self.locked or len(self._steps) >= _FRAMES:
+            return base
+        share = _SHARES[len(self._steps) // _FRAMES_EACH]
+        return Settings(float(round(share * base.exposure_us)), base.gain_db).clamp(self.limits)
 
     @property
     def turning(self) -> bool:
@@ -95,11 +79,11 @@ class ApertureGuide:
 
     @property
     def hint(self) -> str:
-        """Return what to do, in a few words."""
+        """Return what to do, in one word: WAIT, OPEN, CLOSE, HOLD or LOCKED."""
         if self.locked:
-            return "LOCKED: keep still"
+            return "LOCKED"
         if self.reading is None:
-            return "metering"
+            return "WAIT"
         return direction(self.reading.ratio_stops, self.tolerance_stops)
 
     def see(self, frames: Pair[Frame]) -> None:
@@ -120,34 +104,45 @@ class ApertureGuide:
         if self.reading.warnings:
             self._lock.release()
         elif self._lock.see(ratio, frames.primary.device_time_ns):
-            self._held = list(self._lock.readings)
+            self.locked = True
             return
         self._meter.follow(looks)
 
     def _check_linearity(self, frames: Pair[Frame], looks: Pair[Look]) -> None:
         self._steps.append((frames.primary.used.exposure_us, _means(looks)))
-        if len(self._steps) < len(_SHARES) * _FRAMES_EACH:
+        if len(self._steps) < _FRAMES:
             return
-        exposures, means = [], []
-        for first in range(0, len(self._steps), _FRAMES_EACH):
-            group = self._steps[first : first + _FRAMES_EACH]
-            exposures.append(group[0][0])
-            means.append(Pair(*(float(np.mean([m[side] for _, m in group])) for side in (0, 1))))
-        linear = linearity(exposures, means)
-        held = np.array(self._held)
-        drift = float(np.ptp(linear.ratios_stops)) / np.sqrt(12)
-        noise = float(held.std(ddof=1)) / np.sqrt(len(held)) if len(held) > 1 else 0.0
+        linear = _judge(self._steps)
+        if abs(linear.ratio_stops) > self.tolerance_stops:
+            self._turn_again(linear)
+            return
         self.result = ApertureResult(
-            ratio_stops=float(held.mean()),
-            uncertainty_stops=float(np.hypot(noise, drift)),
             tolerance_stops=self.tolerance_stops,
             means_dn=_means(looks),
             settings=self._meter.settings,
             linear=linear,
             uneven=Pair(*(each.uneven for each in looks)),
-            readings=len(held),
+            readings=self._lock.readings,
             plot=histogram_plot(Pair(*map(histogram, frames)), "Grey values of both cameras"),
         )
+
+    def _turn_again(self, linear: Linearity) -> None:
+        """The ring moved after it had locked, or the black levels were not yet known so well."""
+        self._meter.black_dn = linear.black_dn
+        self._lock.release()
+        self._steps.clear()
+        self.locked = False
+
+
+def _judge(steps: list[tuple[float, Pair[float]]]) -> Linearity:
+    exposures_us, means, errors = [], [], []
+    for first in range(0, len(steps), _FRAMES_EACH):
+        group = steps[first : first + _FRAMES_EACH]
+        sides = np.array([seen for _, seen in group])
+        exposures_us.append(group[0][0])
+        means.append(Pair(*sides.mean(0).tolist()))
+        errors.append(Pair(*(sides.std(0, ddof=1) / np.sqrt(len(group))).tolist()))
+    return linearity(exposures_us, means, errors)
 
 
 def _means(looks: Pair[Look]) -> Pair[float]:
