@@ -345,7 +345,8 @@ def test_a_part_that_was_only_begun_is_taken_away(tmp_path: Path) -> None:
 
 
 def run_python(arguments: list[str]) -> str:
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    paths = map(str, (Path(__file__).parents[2], Path(__file__).parents[1]))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     return subprocess.run(
         [sys.executable, *arguments], env=environment, check=True, capture_output=True, text=True
     ).stdout

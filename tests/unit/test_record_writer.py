@@ -225,7 +225,8 @@ with RecordWriter(Path(sys.argv[1]), HEADER, real_time=False) as recorder:
 
 def run_until_signalled(folder: Path, *signals: int) -> int:
     """Record for ever in a process of its own, then send it the signals."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    paths = map(str, (Path(__file__).parents[2], Path(__file__).parents[1]))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-c", ENDLESS, str(folder)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment
