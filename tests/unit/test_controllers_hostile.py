@@ -110,9 +110,14 @@ def padded() -> onnx.ModelProto:
 
 
 def slow() -> onnx.ModelProto:
-    """Products of matrices that fit into memory, one after the other."""
+    """Products of matrices that fit into memory, one after the other, of no constants only."""
     nodes = [node("MatMul", f"m{n} m0", f"m{n + 1}") for n in range(400)]
-    nodes = [node("Add", "column row", "m0"), *nodes, *answer("m400")]
+    first = [
+        node("ReduceMax", "settings", "given", keepdims=0),
+        node("Add", "column row", "constant"),
+        node("Add", "constant given", "m0"),
+    ]
+    nodes = [*first, *nodes, *answer("m400")]
     column = np.full((1_500, 1), 1e-9, np.float32)
     return model(nodes, {"column": column, "row": column.reshape(1, -1), **BOUNDS})
 
