@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Sequence
+import random
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 Views = Sequence[memoryview]
@@ -58,26 +60,41 @@ class SmallDisk(RealOs):
         os.close(fd)
 
 
-class FailsOnce(RealOs):
-    """Answers write number `at`, counted from 0, with `error`, once."""
+WRITES = ("writev", "pwrite")
+CALLS = (*WRITES, "open", "posix_fallocate", "fdatasync", "fsync", "ftruncate", "close")
 
-    def __init__(self, at: int, error: int) -> None:
+
+class Fails(RealOs):
+    """Answers the calls that `at` names by number, counted from 0, with `error`.
+
+    Only calls of `names` are counted. A `close` that fails has closed, as on Linux.
+    """
+
+    def __init__(self, at: range, error: int, names: Sequence[str] = WRITES) -> None:
         self.at = at
         self.error = error
-        self.writes = 0
+        self.names = names
+        self.count = 0
 
-    def writev(self, fd: int, views: Views) -> int:
-        self._count()
-        return os.writev(fd, views)
+    def __getattr__(self, name: str) -> Any:
+        real = getattr(os, name)
+        if name not in self.names:
+            return real
 
-    def pwrite(self, fd: int, data: memoryview, start: int) -> int:
-        self._count()
-        return os.pwrite(fd, data, start)
-
-    def _count(self) -> None:
-        self.writes += 1
-        if self.writes == self.at + 1:
+        def call(*arguments: Any) -> Any:
+            self.count += 1
+            if self.count - 1 not in self.at:
+                return real(*arguments)
+            if name == "close":
+                real(*arguments)
             raise OSError(self.error, os.strerror(self.error))
+
+        return call
+
+
+def once(at: int) -> range:
+    """Return the one call number `at`."""
+    return range(at, at + 1)
 
 
 class ShortWrites(RealOs):
@@ -93,39 +110,80 @@ class ShortWrites(RealOs):
         return os.pwrite(fd, data[: max(4096, self.most - self.most % 4096)], start)
 
 
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Some bytes that were given to a file."""
+
+    file: str
+    start: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Synced:
+    """The disk keeps of a file what was written before event number `before`."""
+
+    file: str
+    before: int
+
+
 @dataclass(slots=True)
 class Journal:
-    """Remembers every write and what was on the disk for sure; stands in for `os`."""
+    """Remembers every write and every sync in order; stands in for `os`."""
 
-    writes: list[tuple[int, bytes]] = field(default_factory=list)
-    synced: list[int] = field(default_factory=list)
-    _size: int = 0
+    events: list[Written | Synced] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(os, name)
 
     def writev(self, fd: int, views: Views) -> int:
+        start = os.lseek(fd, 0, os.SEEK_CUR)
         written = os.writev(fd, views)
-        self.writes.append((self._size, b"".join(views)[:written]))
-        self._size += written
+        self.events.append(Written(_name(fd), start, b"".join(views)[:written]))
+        return written
+
+    def pwrite(self, fd: int, data: memoryview, start: int) -> int:
+        written = os.pwrite(fd, data, start)
+        self.events.append(Written(_name(fd), start, bytes(data[:written])))
         return written
 
     def fdatasync(self, fd: int) -> None:
-        count = len(self.writes)
-        os.fdatasync(fd)
-        self.synced.append(count)
+        self._sync(fd, os.fdatasync)
 
-    def state(self, writes: int, kept: set[int], torn: dict[int, int]) -> bytes:
-        """Return a file as lost power may leave it after that many writes.
+    def fsync(self, fd: int) -> None:
+        self._sync(fd, os.fsync)
 
-        Of what was not synced only the writes in `kept` reached the disk, those in `torn` with
-        as many bytes; the others left zeros, or nothing at the end.
+    def _sync(self, fd: int, sync: Callable[[int], None]) -> None:
+        name, before = _name(fd), len(self.events)
+        sync(fd)
+        self.events.append(Synced(name, before))
+
+    def unsure(self, events: int) -> set[int]:
+        """Return which of the first `events` are writes that no sync among them covers."""
+        until = {e.file: e.before for e in self.events[:events] if isinstance(e, Synced)}
+        return {
+            number
+            for number, each in enumerate(self.events[:events])
+            if isinstance(each, Written) and number >= until.get(each.file, 0)
+        }
+
+    def state(self, events: int, draw: random.Random) -> dict[str, bytes]:
+        """Return the files as lost power may leave them after that many events.
+
+        Of what was not synced some writes reached the disk, some of them with their first bytes
+        only; the others left what was there, zeros, or nothing at the end.
         """
-        sure = max((count for count in self.synced if count <= writes), default=0)
-        data = bytearray()
-        for number, (start, content) in enumerate(self.writes[:writes]):
-            if number < sure or number in kept:
-                reached = content[: torn.get(number, len(content))] if number >= sure else content
-                data.extend(bytes(max(0, start + len(reached) - len(data))))
-                data[start : start + len(reached)] = reached
-        return bytes(data)
+        unsure = self.unsure(events)
+        files: dict[str, bytearray] = {}
+        for number, each in enumerate(self.events[:events]):
+            if isinstance(each, Written):
+                torn = draw.choice([None, None, 0, draw.randrange(len(each.data))])
+                reached = each.data[:torn] if number in unsure else each.data
+                data = files.setdefault(each.file, bytearray())
+                data.extend(bytes(max(0, each.start + len(reached) - len(data))))
+                data[each.start : each.start + len(reached)] = reached
+        return {name: bytes(data) for name, data in files.items()}
+
+
+def _name(fd: int) -> str:
+    return Path(f"/proc/self/fd/{fd}").readlink().name

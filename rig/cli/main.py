@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from cyclopts import App, CycloptsError
 
-from rig.cli.exits import FAILED, INTERRUPTED, OK, USAGE
-from rig.core.errors import RigError, UsageError
+from rig.cli.exits import FAILED, INTERRUPTED, LOSSES, OK, USAGE
+from rig.core.errors import DiskFull, RigError, UsageError
 
 
 class Told(NamedTuple):
@@ -123,6 +123,9 @@ def run(arguments: list[str]) -> int:
     except (CycloptsError, UsageError) as error:
         _complain(error)
         return USAGE
+    except DiskFull as error:
+        _complain(error)
+        return LOSSES
     except RigError as error:
         _complain(error)
         return FAILED

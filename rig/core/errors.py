@@ -38,6 +38,10 @@ class RecordingError(RigError):
     """A recording cannot be written or read."""
 
 
+class DiskFull(RecordingError):
+    """The disk filled up: the recording is whole and its losses are counted; exits with 3."""
+
+
 class RecordingDamaged(RecordingError):
     """A recording is cut short or corrupt; `rig recover` may repair it."""
 

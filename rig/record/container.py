@@ -194,16 +194,15 @@ def first_part(path: Path) -> Path:
 
 
 @contextmanager
-def damage(path: Path) -> Iterator[None]:
+def damage(path: Path, advice: str = "") -> Iterator[None]:
     """Turn whatever a damaged file or disk makes the code below raise into RecordingError."""
     try:
         yield
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except _LEAKS as error:
-        raise RecordingDamaged(
-            f"{path} is damaged: {_said(error)}; try: rig recover {path}"
-        ) from error
+        advice = advice or f"try: rig recover {path}"
+        raise RecordingDamaged(f"{path} is damaged: {_said(error)}; {advice}") from error
 
 
 def _said(error: Exception) -> str:

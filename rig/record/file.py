@@ -102,23 +102,26 @@ class RecordingFile:
     def __init__(self, path: Path, *, reserve_bytes: int, live: bool) -> None:
         """Create `path`; raises OSError when it exists or the disk cannot hold the reserve."""
         self.full = False
+        self._path = path
         self._position = 0
+        self._open = True
+        self._syncer: _Syncer | None = None
         self._backing = open_new(path, self._make_room, direct=live)
         try:
             self._reserve = Reserve(reserve_path(path))
-            self.hold(reserve_bytes)
         except OSError:
             os.close(self._backing.fd)
             path.unlink()
             raise
-        if self.full:
-            os.close(self._backing.fd)
-            path.unlink()
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        try:
+            self._reserve.hold(reserve_bytes)
+            if live:
+                _sync_folder(path.parent)
+        except OSError:
+            self.discard()
+            raise
         if live:
-            _sync_folder(path.parent)
-        self._syncer = _Syncer(self._backing.fd) if live else None
-        self._open = True
+            self._syncer = _Syncer(self._backing.fd)
 
     def write(self, parts: Sequence[Buffer]) -> None:
         """Write all of `parts` one after the other, without joining them."""
@@ -150,8 +153,7 @@ class RecordingFile:
         if not self._open:
             return
         self._open = False
-        if self._syncer is not None:
-            self._syncer.stop()
+        self._end_sync()
         fd = self._backing.fd
         try:
             os.ftruncate(fd, self._position)
@@ -159,6 +161,18 @@ class RecordingFile:
         finally:
             self._reserve.release()
             os.close(fd)
+
+    def discard(self) -> None:
+        """Take the file away again."""
+        self._open = False
+        self._end_sync()
+        os.close(self._backing.fd)
+        self._path.unlink()
+        self._reserve.release()
+
+    def _end_sync(self) -> None:
+        if self._syncer is not None:
+            self._syncer.stop()
 
     def _make_room(self, error: OSError) -> None:
         """Give the reserve back when the disk is full; raises `error` when that cannot help."""

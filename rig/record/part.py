@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
@@ -24,7 +25,8 @@ _INDEX_BYTES_PER_CHUNK = 256
 class Part:
     """Writes one file: header, chunks of whole triggers, index.
 
-    OSError from any method but `close` leaves a file that ends in an unfinished record.
+    OSError from any method but `close` leaves a file that ends in an unfinished record; a part
+    that cannot be begun leaves none.
     """
 
     def __init__(
@@ -43,7 +45,18 @@ class Part:
         self._index = Index()
         self._chunk = OpenChunk()
         self._file = RecordingFile(path, reserve_bytes=reserve_bytes, live=live)
+        self._began_s = 0.0
         self._described = False
+        try:
+            self._begin(facts)
+        except OSError:
+            self._file.discard()
+            raise
+        self._channels = self._register()
+
+    def _begin(self, facts: dict[str, dict[str, str]]) -> None:
+        """Write what is known before the first trigger and make the disk keep it."""
+        header = self._header
         self._file.write([MAGIC, pack([Header("ros2", _LIBRARY)])])
         for name, data in to_attachments(header).items():
             attachment = Attachment(0, 0, name, "application/json", data)
@@ -51,7 +64,6 @@ class Part:
         for name, values in {**facts, **to_metadata(header)}.items():
             self._index.add_metadata(*self._write(Metadata(name, values)), name)
         self._file.settle()
-        self._channels = self._register()
 
     @property
     def full(self) -> bool:
@@ -65,10 +77,17 @@ class Part:
 
     def take(self, messages: list[Message], time_ns: int, chunk_bytes: int) -> None:
         """Add the messages of one trigger; the chunk closes once it has `chunk_bytes`."""
+        if not self._chunk.places:
+            self._began_s = time.monotonic()
         self._describe_cameras(time_ns)
         for message in messages:
             self._chunk.add(self._channels[message.topic], message)
         if self._chunk.size >= chunk_bytes:
+            self._close_chunk()
+
+    def close_older_than(self, age_s: float) -> None:
+        """Close the chunk when its first trigger came longer ago."""
+        if time.monotonic() - self._began_s >= age_s:
             self._close_chunk()
 
     def finish(self, time_ns: int, name: str, values: dict[str, str]) -> None:
@@ -117,9 +136,9 @@ class Part:
             self._chunk.add(self._channels[message.topic], message)
 
     def _close_chunk(self) -> None:
-        chunk, self._chunk = self._chunk, OpenChunk()
-        if not chunk.places:
+        if not self._chunk.places:
             return
+        chunk, self._chunk = self._chunk, OpenChunk()
         extent = Extent(Opcode.CHUNK, self._file.tell(), chunk.stored_bytes)
         sizes = (chunk.size, chunk.size)
         following = self._index.add_chunk(extent, chunk.times_ns, sizes, chunk.places)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, MetadataIndex
 
 from rig.core.errors import RecordingDamaged, RecordingError
 from rig.core.types import PairRecord
 from rig.record import codec, topics
 from rig.record.codec import Message
-from rig.record.container import Container, Summary, damage, find, parts
+from rig.record.container import Container, damage, find, parts
 from rig.record.header import NEXT, PART, RECOVERY, RUN, RunHeader, from_parts
 
 
@@ -83,12 +84,10 @@ class _OpenedPart:
 def _open_part(file: Path) -> _OpenedPart:
     with damage(file), Container(file) as container:
         summary = container.summary()
-        metadata = {
-            m.name: container.at(m.offset, Opcode.METADATA).metadata for m in summary.metadata
-        }
+        metadata = metadata_of(container, summary.metadata)
         if RUN not in metadata:
             raise RecordingError(f"{file} was not recorded by rig; it has no {RUN} metadata")
-        header = from_parts(metadata, _attachments(container, summary))
+        header = from_parts(metadata, attachments_of(container, summary.attachments))
         return _OpenedPart(header, metadata, summary.messages(topics.PAIR))
 
 
@@ -123,8 +122,13 @@ def triggers(messages: Iterable[Message]) -> Iterator[dict[str, Message]]:
         raise ValueError(f"trigger {next(iter(group.values())).sequence} is not closed by /pair")
 
 
-def _attachments(container: Container, summary: Summary) -> dict[str, bytes]:
-    return {
-        index.name: container.at(index.offset, Opcode.ATTACHMENT).data
-        for index in summary.attachments
-    }
+def metadata_of(
+    container: Container, indexes: Iterable[MetadataIndex]
+) -> dict[str, dict[str, str]]:
+    """Return the metadata records that an index tells of, by name."""
+    return {each.name: container.at(each.offset, Opcode.METADATA).metadata for each in indexes}
+
+
+def attachments_of(container: Container, indexes: Iterable[AttachmentIndex]) -> dict[str, bytes]:
+    """Return the contents of the attachments that an index tells of, by name."""
+    return {each.name: container.at(each.offset, Opcode.ATTACHMENT).data for each in indexes}

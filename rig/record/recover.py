@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +12,15 @@ from mcap.opcode import Opcode
 
 from rig.core.errors import RecordingDamaged, RecordingError
 from rig.record import bag, container, header, topics, totals
-from rig.record.container import Container, damage
+from rig.record.container import MAGIC, Container, damage
 from rig.record.file import is_held, reserve_path
 from rig.record.header import NEXT, RECOVERY
+from rig.record.index import Index
+from rig.record.reader import attachments_of, metadata_of
 from rig.record.scan import Scan
+
+_BEGUN_BYTES = 1 << 20
+"""What is known of a run before its first trigger takes a few kilobytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +64,8 @@ def recover(path: Path | str) -> Recovery:
 def repair_left_behind(runs: Path) -> Iterator[tuple[Path, Recovery | RecordingError]]:
     """Repair each recording below the folder `runs` whose recorder was killed.
 
-    Yields each with what was found, or with why it could not be repaired.
+    Yields each with what was found, or with why it could not be repaired; one that is damaged
+    gives its reserved room back and is not tried again.
     """
     for reserve in sorted(runs.glob("*/*.mcap.reserve")):
         file = reserve.with_suffix("")
@@ -67,15 +74,21 @@ def repair_left_behind(runs: Path) -> Iterator[tuple[Path, Recovery | RecordingE
         first = container.first_part(file)
         try:
             yield first, recover(first)
+        except RecordingDamaged as error:
+            with suppress(OSError):
+                reserve_path(file).unlink()
+            yield first, error
         except RecordingError as error:
             yield first, error
 
 
 def _recover_parts(files: list[Path]) -> Iterator[Recovery]:
-    """Repair each file; one that was begun and holds no trigger yet is taken away."""
+    """Repair each file; one that was begun and holds no trigger yet is taken away.
+
+    Its first trigger follows one that may be lost with the end of the file before.
+    """
     last = len(files) - 1
-    begun = last > 0 and not _has_header(files[last])
-    if begun:
+    if last > 0 and _holds_no_trigger(files[last]):
         dropped = files[last].stat().st_size
         files[last].unlink()
         reserve_path(files[last]).unlink(missing_ok=True)
@@ -85,28 +98,24 @@ def _recover_parts(files: list[Path]) -> Iterator[Recovery]:
         yield _recover_file(file, is_last=number == last)
 
 
-def _has_header(file: Path) -> bool:
-    """Return whether a later part says what run it is of, or holds any trigger at all."""
+def _holds_no_trigger(file: Path) -> bool:
+    """Return whether a later part was cut before its first chunk, as a crash leaves it."""
+    size = file.stat().st_size
+    if size > _BEGUN_BYTES or (size > len(MAGIC) and file.read_bytes().endswith(MAGIC)):
+        return False
     try:
         with damage(file), Container(file) as source:
-            for extent in source.extents():
-                if extent.opcode == Opcode.METADATA and source.parsed(extent).name == header.RUN:
-                    return True
-            return Scan(source).next_chunk(0) is not None
+            found = any(extent.opcode == Opcode.CHUNK for extent in source.extents())
+            return not found and Scan(source).next_chunk(0) is None
     except RecordingDamaged:
-        return False
+        return True
 
 
 def _recover_file(file: Path, *, is_last: bool) -> Recovery:
-    with damage(file), Container(file) as source:
+    with damage(file, "nothing was changed"), Container(file) as source:
         scan = Scan(source)
         scan.run()
-        missing = header.NEEDED - scan.index.metadata_names - scan.index.attachment_names
-        if missing:
-            raise RecordingDamaged(
-                f"{file} ends before the run's first trigger or has lost its {min(missing)}; "
-                "nothing to recover"
-            )
+        _check_header(source, scan.index)
         triggers = scan.index.count(topics.PAIR)
         ending = scan.index.ending(scan.end, _note(scan, triggers, is_last=is_last))
         intact = not scan.patches and source.bytes_at(scan.end, len(ending) + 1) == ending
@@ -115,6 +124,18 @@ def _recover_file(file: Path, *, is_last: bool) -> Recovery:
         _rewrite(file, scan.patches, scan.end, ending)
     reserve_path(file).unlink(missing_ok=True)
     return Recovery(not intact, triggers, scan.index.chunks, scan.skipped_chunks, dropped)
+
+
+def _check_header(source: Container, index: Index) -> None:
+    """Raise RecordingDamaged or ValueError when the file does not say what run it is of."""
+    missing = header.NEEDED - index.metadata_names - index.attachment_names
+    if missing:
+        raise RecordingDamaged(
+            f"{source.path} ends before the run's first trigger or has lost its {min(missing)}; "
+            "nothing to recover"
+        )
+    metadata = metadata_of(source, index.metadata)
+    header.from_parts(metadata, attachments_of(source, index.attachments))
 
 
 def _note(scan: Scan, triggers: int, *, is_last: bool) -> tuple[str, dict[str, str]] | None:

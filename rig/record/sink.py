@@ -13,6 +13,7 @@ from rig.record.part import Part
 from rig.record.totals import NAME, Totals
 
 CHUNK_BYTES = 1 << 20
+CHUNK_S = 0.25
 PART_BYTES = 16 << 30
 _RESERVE_BYTES = 8 << 20
 
@@ -20,9 +21,10 @@ _RESERVE_BYTES = 8 << 20
 class Sink:
     """Puts triggers into chunks that hold whole triggers only, so that a cut never splits one.
 
-    A chunk closes with the first trigger that fills it to 1 MiB, a file with the first that fills
-    it to 16 GiB; the run then goes on in `run_1.mcap` and so on. OSError from any method but
-    `close_file` leaves a file that ends in an unfinished record: close it and recover it.
+    A chunk closes with the first trigger that fills it to 1 MiB, a `live` one also when it is a
+    quarter of a second old; a file with the first trigger that fills it to 16 GiB: the run then
+    goes on in `run_1.mcap` and so on. OSError from any method but `close_file` leaves a file that
+    ends in an unfinished record: close it and recover it.
     """
 
     def __init__(self, path: Path, header: RunHeader, *, live: bool) -> None:
@@ -52,6 +54,12 @@ class Sink:
         self._last = last
         self._part.take(messages, last.time_ns, CHUNK_BYTES)
         self._totals.add(record.cause)
+        self.hand_over()
+
+    def hand_over(self) -> None:
+        """Give the disk what it has not got for a while, so that lost power costs little."""
+        if self._live:
+            self._part.close_older_than(CHUNK_S)
 
     def finish(self) -> None:
         """Write the last chunk, the totals and the index."""
@@ -87,5 +95,7 @@ class Sink:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             return
-        before.finish(self._last.time_ns, NEXT, {"file": self._part.path.name})
-        before.close()
+        try:
+            before.finish(self._last.time_ns, NEXT, {"file": self._part.path.name})
+        finally:
+            before.close()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from rig.core.errors import RecordingError
+from rig.core.errors import DiskFull, RecordingError
 from rig.core.types import Frame, Lost, Pair, PairRecord
 from rig.record import bag, file
 from rig.record.header import RunHeader
@@ -24,7 +24,7 @@ QUEUE_FULL, DISK_FULL = "recorder queue full", "disk full"
 _WAITING_REAL_TIME = 110
 _WAITING_VIRTUAL_TIME = 8
 _STALLED_TRIGGERS = 10_000
-_LOOK_UP_S = 0.2
+_LOOK_UP_S = 0.1
 _SMALL_BYTES = 2_000
 _SHORTEST_S = 10.0
 _FASTEST_HZ = 55.0
@@ -170,6 +170,8 @@ class RecordWriter:
             except queue.Empty:
                 if not self._owner.is_alive():
                     return None
+                if not self._stopped:
+                    self._guard("cannot record what came", self._sink.hand_over)
 
     def _store(self, record: PairRecord) -> None:
         if self._stopped:
@@ -178,8 +180,10 @@ class RecordWriter:
         self._guard(f"cannot record trigger {record.trigger}", lambda: self._sink.take(kept))
         if self._sink.full:
             self._fail(
-                f"the disk is full at trigger {record.trigger}; {self.path} is finalised "
-                "and kept; free space or name another folder with --out"
+                DiskFull(
+                    f"the disk is full at trigger {record.trigger}; {self.path} is finalised "
+                    "and kept; free space or name another folder with --out"
+                )
             )
 
     def _end(self) -> None:
@@ -202,11 +206,14 @@ class RecordWriter:
         self._stopped = True
         self._torn |= isinstance(error, OSError)
         why = (error.strerror if isinstance(error, OSError) else None) or error
-        self._fail(f"{what} in {self.path}: {why}; what was written before is kept")
+        self._fail(RecordingError(f"{what} in {self.path}: {why}; what was written before is kept"))
 
-    def _fail(self, message: str) -> None:
+    def _fail(self, failure: RecordingError) -> None:
+        """Keep the first failure; after a full disk, which ends well, a worse one too."""
         if self._failure is None:
-            self._failure = RecordingError(message)
+            self._failure = failure
+        elif isinstance(self._failure, DiskFull) and not isinstance(failure, DiskFull):
+            self._failure, self._reported = failure, False
 
 
 def without_pictures(record: PairRecord, cause: str) -> PairRecord:

@@ -9,18 +9,19 @@ import random
 import resource
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from record_disk import FailsOnce, Journal, RealOs, ShortWrites
+from record_disk import CALLS, Fails, Journal, RealOs, ShortWrites, once
 from record_samples import HEADER, assert_same, half, record, write
 
 from rig.core.errors import RecordingDamaged, RecordingError
-from rig.record import backing, sink
+from rig.record import backing, sink, topics
 from rig.record import file as file_module
-from rig.record.container import parts
+from rig.record.container import Container, parts
 from rig.record.file import RecordingFile
 from rig.record.reader import open_recording
 from rig.record.recover import recover, repair_left_behind
@@ -59,9 +60,14 @@ def write_either(folder: Path, way: str) -> None:
     (write_live if way == "live" else write)(folder, RECORDS)
 
 
+def heavy(value: object) -> Any:
+    """Return a parameter for thorough test runs only."""
+    return pytest.param(value, marks=pytest.mark.heavy)
+
+
 def fast_and_heavy(fast: int, all_: int) -> list[Any]:
     """Return the first seeds for every test run, the others for a thorough one."""
-    return [range(fast), pytest.param(range(fast, all_), marks=pytest.mark.heavy)]
+    return [range(fast), heavy(range(fast, all_))]
 
 
 WAYS = pytest.mark.parametrize("way", ["live", "simulated"])
@@ -73,7 +79,7 @@ def test_a_full_disk_at_any_write_loses_pictures_and_says_so(
     tmp_path: Path, way: str, error: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for at in range(100):
-        folder, disk = tmp_path / str(at), FailsOnce(at, error)
+        folder, disk = tmp_path / str(at), Fails(once(at), error)
         with monkeypatch.context() as patched:
             use_disk(patched, disk)
             try:
@@ -84,7 +90,7 @@ def test_a_full_disk_at_any_write_loses_pictures_and_says_so(
         assert found.sound, (at, found.false_claims)
         assert found.pairs + sum(found.lost.values()) == len(RECORDS)
         assert list(folder.glob("*.reserve")) == []
-        if disk.writes <= at:
+        if disk.count <= at:
             return
     pytest.fail("the last write was never reached")
 
@@ -95,7 +101,7 @@ def test_a_broken_disk_at_any_write_keeps_what_was_written(
     tmp_path: Path, way: str, error: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for at in range(100):
-        folder, disk = tmp_path / str(at), FailsOnce(at, error)
+        folder, disk = tmp_path / str(at), Fails(once(at), error)
         with monkeypatch.context() as patched:
             use_disk(patched, disk)
             try:
@@ -104,7 +110,7 @@ def test_a_broken_disk_at_any_write_keeps_what_was_written(
                 assert "\n" not in str(problem)
                 if at < 10 and "cannot create" in str(problem):
                     continue
-        if disk.writes <= at:
+        if disk.count <= at:
             assert verify(folder).pairs == len(RECORDS)
             return
         found = verify(folder)
@@ -112,6 +118,78 @@ def test_a_broken_disk_at_any_write_keeps_what_was_written(
         for each in open_recording(folder).records():
             assert_same(each, RECORDS[each.trigger])
     pytest.fail("the last write was never reached")
+
+
+ERRORS = (errno.ENOSPC, errno.EIO)
+
+
+@pytest.mark.parametrize(
+    ("way", "error", "part_bytes"),
+    [
+        ("live", errno.ENOSPC, 30_000),
+        ("live", errno.EIO, 30_000),
+        *(
+            pytest.param(way, error, part_bytes, marks=pytest.mark.heavy)
+            for way in ("live", "simulated")
+            for error in (*ERRORS, errno.EDQUOT, errno.EFBIG)
+            for part_bytes in (20_000, 1 << 30)
+        ),
+    ],
+)
+def test_a_call_that_fails_anywhere_leaves_a_sound_file_or_none(
+    tmp_path: Path, way: str, error: int, part_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever is asked of the system, the answer may be an error."""
+    monkeypatch.setattr(sink, "PART_BYTES", part_bytes)
+    for at in range(400):
+        folder, disk = tmp_path / str(at), Fails(once(at), error, CALLS)
+        problem = attempt(folder, way, disk, monkeypatch)
+        if problem.startswith("cannot create"):
+            assert list(folder.iterdir()) == [], at
+        else:
+            assert_kept(folder, at)
+            assert problem or verify(folder).pairs == len(RECORDS)
+        if disk.count <= at:
+            return
+    pytest.fail("the last call was never reached")
+
+
+@WAYS
+@pytest.mark.parametrize("first", [range(3, 60, 7), heavy(range(200))])
+def test_a_disk_that_stays_full_to_the_end_is_repaired_later(
+    tmp_path: Path, way: str, first: range, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody else took what the reserve gave back."""
+    for at in first:
+        folder, disk = tmp_path / str(at), Fails(range(at, 10_000), errno.ENOSPC)
+        problem = attempt(folder, way, disk, monkeypatch)
+        if problem.startswith("cannot create"):
+            assert list(folder.iterdir()) == [], at
+        elif problem:
+            recover(folder)
+            assert_kept(folder, at)
+
+
+def attempt(folder: Path, way: str, disk: Fails, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Record on a disk that fails; return the one line that was said, or nothing."""
+    with monkeypatch.context() as patched:
+        use_disk(patched, disk)
+        try:
+            write_either(folder, way)
+        except RecordingError as error:
+            assert "\n" not in str(error)
+            return str(error)
+    return ""
+
+
+def assert_kept(folder: Path, at: int) -> None:
+    """Check that what is in a file is what was recorded, and that no room is kept back."""
+    found = verify(folder)
+    assert found.sound, (at, found.false_claims)
+    for each in open_recording(folder).records():
+        if each.complete:
+            assert_same(each, RECORDS[each.trigger])
+    assert list(folder.glob("*.reserve")) == [], at
 
 
 @WAYS
@@ -185,73 +263,120 @@ def test_a_failed_sync_is_raised_by_the_next_write(
     file.close()
 
 
-def test_the_disk_is_asked_to_keep_a_live_file_twice_a_second(tmp_path: Path) -> None:
-    assert file_module._SYNC_EVERY_S <= 0.5
-    journal = Journal()
-    with pytest.MonkeyPatch.context() as patched:
-        use_disk(patched, journal)
-        patched.setattr(file_module, "_SYNC_EVERY_S", 0.001)
-        with RecordWriter(tmp_path, HEADER, real_time=True) as writer:
-            while not journal.synced:
-                writer.write(RECORDS[0])
-                break
-            for _ in range(10_000):
-                if journal.synced:
-                    break
-                os.sched_yield()
-    assert journal.synced
+class Timed(RealOs):
+    """Remembers when the disk was asked to keep how many bytes."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+        self.syncs: list[tuple[int, float]] = []
+
+    def pwrite(self, fd: int, data: memoryview, start: int) -> int:
+        self.bytes = max(self.bytes, start + len(data))
+        return os.pwrite(fd, data, start)
+
+    def fdatasync(self, fd: int) -> None:
+        self.syncs.append((self.bytes, time.monotonic()))
 
 
-def lost_power(journal: Journal, draw: random.Random) -> tuple[bytes, int]:
-    """Return a file after lost power, and how many writes it must still hold."""
-    writes = draw.randint(1, len(journal.writes))
-    sure = max((count for count in journal.synced if count <= writes), default=0)
-    unsure = range(sure, writes)
-    kept = {number for number in unsure if draw.random() < 0.6}
-    torn = {
-        number: draw.randrange(len(journal.writes[number][1]))
-        for number in kept
-        if draw.random() < 0.3
-    }
-    return journal.state(writes, kept, torn), sure
+def bytes_to(file: Path) -> Iterator[int]:
+    """Yield for every trigger where the chunk with it ends."""
+    with Container(file) as source:
+        summary = source.summary()
+        (pair,) = summary.ids(topics.PAIR)
+        for chunk in summary.chunks():
+            for _ in source.message_offsets(chunk.message_indexes[pair]):
+                yield chunk.start + chunk.size
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(40), pytest.param(range(40, 1_000), marks=pytest.mark.heavy)]
-)
-def test_lost_power_costs_only_what_was_not_synced(
-    tmp_path: Path, seeds: range, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.heavy
+@pytest.mark.parametrize("rate_hz", [4, 50])
+def test_the_disk_keeps_every_trigger_within_a_second(
+    tmp_path: Path, rate_hz: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever became of the writes after the last sync, those before it are there."""
-    journal = Journal()
+    """Small pictures would wait long for others to fill a chunk with."""
+    monkeypatch.undo()
+    disk, written_s = Timed(), []
+    use_disk(monkeypatch, disk)
+    with RecordWriter(tmp_path, HEADER, real_time=True) as writer:
+        for trigger in range(3 * rate_hz):
+            writer.write(record(trigger))
+            written_s.append(time.monotonic())
+            time.sleep(1 / rate_hz)
+        time.sleep(1.0)
+    kept_s = [
+        next(at_s for size, at_s in disk.syncs if size >= end)
+        for end in bytes_to(tmp_path / "run.mcap")
+    ]
+    assert len(kept_s) == len(written_s)
+    assert max(kept - written for kept, written in zip(kept_s, written_s, strict=True)) < 1.0
+
+
+def test_a_trigger_does_not_wait_for_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A live chunk is closed when it is old, also when no trigger comes any more."""
+    monkeypatch.setattr(sink, "CHUNK_BYTES", 1 << 20)
+    monkeypatch.setattr(sink, "CHUNK_S", 0.01)
+    with RecordWriter(tmp_path, HEADER, real_time=True) as writer:
+        begun = writer.path.stat().st_size
+        writer.write(RECORDS[0])
+        deadline_s = time.monotonic() + 10.0
+        while writer.path.stat().st_size == begun:
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+    assert verify(tmp_path).pairs == 1
+
+
+def journaled(folder: Path, live: bool, monkeypatch: pytest.MonkeyPatch) -> tuple[Journal, Any]:
+    """Write 24 triggers; return what the disk was given, and how many events each trigger took."""
+    journal, ends = Journal(), []
     use_disk(monkeypatch, journal)
-    whole = Sink(tmp_path / "whole.mcap", HEADER, live=False)
-    begun, after = len(journal.writes), {}
+    folder.mkdir()
+    whole = Sink(folder / "run.mcap", HEADER, live=live)
+    ends.append(len(journal.events))
     for trigger in range(24):
         whole.take(record(trigger))
-        after[len(journal.writes)] = trigger + 1
+        ends.append(len(journal.events))
         if trigger % 5 == 4:
             journal.fdatasync(whole._part._file._backing.fd)
     whole.finish()
     whole.close_file()
     monkeypatch.undo()
-    file = tmp_path / "run.mcap"
+    return journal, ends
+
+
+@pytest.mark.parametrize("part_bytes", [1 << 30, 30_000], ids=["one file", "parts"])
+@pytest.mark.parametrize("live", [True, False], ids=["live", "simulated"])
+@pytest.mark.parametrize("seeds", fast_and_heavy(40, 1_000))
+def test_lost_power_costs_only_what_was_not_synced(
+    tmp_path: Path, seeds: range, live: bool, part_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever became of the writes after the last sync, those before it are there."""
+    monkeypatch.setattr(sink, "PART_BYTES", part_bytes)
+    monkeypatch.setattr(sink, "CHUNK_BYTES", 1)
+    journal, ends = journaled(tmp_path / "whole", live, monkeypatch)
     for seed in seeds:
-        data, sure = lost_power(journal, random.Random(seed))
-        file.write_bytes(data)
+        draw = random.Random(seed)
+        events = draw.randint(1, len(journal.events))
+        lost = min(journal.unsure(events), default=events)
+        safe = sum(end <= lost for end in ends)
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        for name, data in journal.state(events, draw).items():
+            (folder / name).write_bytes(data)
         try:
-            recover(file)
+            recover(folder)
         except RecordingError as error:
-            assert sure <= begun, (seed, error)
+            assert safe == 0, (seed, error)
             continue
-        found = verify(file)
+        found = verify(folder)
         assert found.sound, (seed, found.false_claims)
-        assert found.pairs >= after.get(sure, 0), seed
-        for each in open_recording(file).records():
+        assert found.pairs >= safe - 1, seed
+        for each in open_recording(folder).records():
             assert_same(each, record(each.trigger))
 
 
-@pytest.mark.parametrize("step", [101, pytest.param(1, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("step", [101, heavy(1)])
 def test_a_cut_at_any_byte_is_repaired_or_refused(tmp_path: Path, step: int) -> None:
     whole = write(tmp_path / "whole", [record(0), half(1), record(2)]).read_bytes()
     file = tmp_path / "run.mcap"
@@ -273,9 +398,7 @@ def test_a_cut_at_any_byte_is_repaired_or_refused(tmp_path: Path, step: int) -> 
     assert kept == 3
 
 
-@pytest.mark.parametrize(
-    "seeds", [range(60), pytest.param(range(60, 2_000), marks=pytest.mark.heavy)]
-)
+@pytest.mark.parametrize("seeds", fast_and_heavy(60, 2_000))
 def test_a_damaged_stretch_in_the_middle_is_stepped_over(tmp_path: Path, seeds: range) -> None:
     """Sizes, opcodes and pixels that were overwritten cost their own chunks, never the rest."""
     whole = write(tmp_path / "whole", [record(t) for t in range(40)]).read_bytes()
