@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rig.cli.exits import OK
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+
+_MOST_LOSSES = 5
 
 
 def info(
@@ -30,14 +34,23 @@ def info(
     if thumbnails is not None:
         from rig.experiments.thumbnails import write_sheet
 
-        shown = write_sheet(recording, thumbnails)
-        values["thumbnails"] = {"file": str(thumbnails), "triggers": shown}
-    width = max(map(len, values))
-    lines = [
-        f"{name.replace('_', ' '):<{width}}  {_words(value)}" for name, value in values.items()
-    ]
+        triggers = write_sheet(recording, thumbnails)
+        values["thumbnails"] = {"file": str(thumbnails), "triggers": triggers}
+    shown = {**values, "losses": _spans(values["losses"])}
+    width = max(map(len, shown))
+    lines = [f"{name.replace('_', ' '):<{width}}  {_words(value)}" for name, value in shown.items()]
     terminal.result("\n".join(lines), values)
     return OK
+
+
+def _spans(losses: Sequence[Mapping[str, Any]]) -> str:
+    """Return where the first losses lie; a run on a slow disk may have thousands."""
+    spans = [
+        "{first_trigger}-{last_trigger} ({start_s:.1f}-{end_s:.1f} s)".format(**each)
+        for each in losses[:_MOST_LOSSES]
+    ]
+    more = len(losses) - len(spans)
+    return " ".join([*spans, *([f"and {more} more"] if more else [])]) or "none"
 
 
 def _words(value: object) -> str:

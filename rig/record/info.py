@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from itertools import groupby
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 from rig.core.types import SIDES, Frame, Intrinsics, Pair, Settings, Side
 from rig.core.units import NS_PER_S
@@ -39,6 +40,20 @@ class CameraInfo:
 
 
 @dataclass(frozen=True, slots=True)
+class Loss:
+    """Triggers one after the other that are lost to the same cause.
+
+    The time is that of the run, from the last that is known before them to the next one behind.
+    """
+
+    cause: str
+    first_trigger: int
+    last_trigger: int
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Info:
     """A recording at a glance; `recovered` tells that its end was lost."""
 
@@ -56,6 +71,7 @@ class Info:
     triggers: int
     pairs_complete: int
     drops: Mapping[str, int]
+    losses: tuple[Loss, ...]
     recovered: bool
     primary: CameraInfo
     secondary: CameraInfo
@@ -78,10 +94,12 @@ def info(path: Path | str) -> Info:
 def _info(frames: Frames) -> Info:
     recording = frames.recording
     header = recording.header
-    totals, times_ns = Totals(), list[int]()
+    totals, times_ns, pairs = Totals(), list[int](), list[_PairFact]()
     tallies = Pair(_CameraTally(), _CameraTally())
     for trigger in range(len(frames)):
-        totals.add(frames.about(trigger, topics.PAIR)["cause"])
+        pair = frames.about(trigger, topics.PAIR)
+        totals.add(pair["cause"])
+        pairs.append(_PairFact(pair["sequence"], pair["cause"], _stamp_s(pair["header"])))
         metas = [frames.about(trigger, topics.frame_meta(side)) for side in SIDES]
         taken = [meta["status"] == "taken" for meta in metas]
         for tally, meta, came in zip(tallies, metas, taken, strict=True):
@@ -107,10 +125,42 @@ def _info(frames: Frames) -> Info:
         triggers=totals.triggers,
         pairs_complete=totals.complete,
         drops=totals.lost,
+        losses=tuple(_losses(pairs)),
         recovered=RECOVERY in recording.metadata,
         primary=primary.info(recording, "primary"),
         secondary=secondary.info(recording, "secondary"),
     )
+
+
+class _PairFact(NamedTuple):
+    """What tells when a trigger was lost."""
+
+    trigger: int
+    cause: str
+    time_s: float
+
+
+def _stamp_s(header: Mapping[str, Any]) -> float:
+    stamp = header["stamp"]
+    return float(stamp["sec"] + stamp["nanosec"] / NS_PER_S)
+
+
+def _losses(pairs: list[_PairFact]) -> Iterator[Loss]:
+    """Yield each stretch of triggers that are lost to one cause."""
+    for cause, group in groupby(enumerate(pairs), key=lambda each: each[1].cause):
+        if not cause:
+            continue
+        members = list(group)
+        (first, begun), (last, ended) = members[0], members[-1]
+        before, behind = pairs[max(0, first - 1)], pairs[min(last + 1, len(pairs) - 1)]
+        begin_s = pairs[0].time_s
+        yield Loss(
+            cause,
+            begun.trigger,
+            ended.trigger,
+            before.time_s - begin_s,
+            behind.time_s - begin_s,
+        )
 
 
 @dataclass(slots=True)

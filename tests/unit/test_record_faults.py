@@ -11,14 +11,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from record_disk import CALLS, Fails, Journal, RealOs, ShortWrites, once
-from record_samples import HEADER, assert_same, half, record, write
+from record_samples import HEADER, INTRINSICS, assert_same, half, record, write
 
 from rig.core.errors import RecordingDamaged, RecordingError
+from rig.core.types import Pair, PairRecord
 from rig.record import backing, sink, topics
 from rig.record import file as file_module
 from rig.record.container import Container, parts
@@ -396,6 +399,34 @@ def test_a_cut_at_any_byte_is_repaired_or_refused(tmp_path: Path, step: int) -> 
         assert triggers >= kept
         kept = triggers
     assert kept == 3
+
+
+def large(trigger: int) -> PairRecord:
+    """Return a trigger with pictures of full size."""
+    pixels = np.full((1536, 2048), trigger, np.uint8)
+    shot = record(trigger).shot
+    return replace(record(trigger), shot=Pair(*(replace(f, image=pixels) for f in shot)))  # type: ignore[type-var]
+
+
+@pytest.mark.parametrize(
+    ("triggers", "cuts"), [(4, 6), pytest.param(40, 40, marks=pytest.mark.heavy)]
+)
+def test_a_large_file_cut_anywhere_loses_one_chunk_at_most(
+    tmp_path: Path, triggers: int, cuts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With full-size pictures each trigger is a chunk of 6.3 MB; the cuts go from the end on."""
+    monkeypatch.undo()
+    large_lens = replace(INTRINSICS, width_px=2048, height_px=1536)
+    header = replace(HEADER, intrinsics=Pair(large_lens, large_lens))
+    path = write(tmp_path, [large(t) for t in range(triggers)], header)
+    ends = list(bytes_to(path))
+    draw = random.Random(0)
+    sizes = [draw.randrange(ends[0], path.stat().st_size) for _ in range(cuts)]
+    for size in sorted(sizes, reverse=True):
+        os.truncate(path, size)
+        found = recover(path)
+        assert found.repaired
+        assert found.triggers == verify(path).pairs == sum(end <= size for end in ends)
 
 
 @pytest.mark.parametrize("seeds", fast_and_heavy(60, 2_000))

@@ -65,6 +65,32 @@ def test_a_slow_disk_in_real_time_costs_counted_pictures(
     assert records[4].shot.secondary == half(4).shot.secondary
 
 
+def at_55_hz(trigger: int) -> PairRecord:
+    time_ns = trigger * 1_000_000_000 // 55
+    shot = Pair(*(replace(frame(trigger), device_time_ns=time_ns) for _ in range(2)))
+    return replace(record(trigger), shot=shot, offset_ns=0)
+
+
+def test_a_stall_of_five_seconds_costs_what_did_not_fit_and_is_told(
+    tmp_path: Path, gate: threading.Event
+) -> None:
+    """The gate opens only when all were given: a `write` that waited would wait for ever."""
+    with RecordWriter(tmp_path, HEADER, real_time=True) as recorder:
+        for trigger in range(275):
+            recorder.write(at_55_hz(trigger))
+        gate.set()
+        while recorder._places.qsize() < 110:
+            time.sleep(0.001)
+        for trigger in range(275, 300):
+            recorder.write(at_55_hz(trigger))
+    found = verify(tmp_path)
+    assert (found.sound, found.pairs, found.lost) == (True, 135, {QUEUE_FULL: 165})
+    (loss,) = info(tmp_path).losses
+    assert loss.cause == QUEUE_FULL
+    assert (loss.first_trigger, loss.last_trigger) == (110, 274)
+    assert (loss.start_s, loss.end_s) == pytest.approx((109 / 55, 275 / 55), abs=1e-6)
+
+
 def test_a_slow_disk_in_virtual_time_is_waited_for(tmp_path: Path, gate: threading.Event) -> None:
     threading.Timer(0.05, gate.set).start()
     file = write(tmp_path, [record(t) for t in range(30)])
