@@ -99,7 +99,9 @@ class SyntheticRun:
 
     def _decision(self, trigger: int, side: int) -> Decision:
         command = Settings(self._exposure_us(trigger), 3.0 * LAG_PAIRS[side])
-        return Decision(self.names[side], command, latency_ms=1.0 + side + trigger / 10)
+        phase = "search" if self._light(trigger) < 100.0 else "hold"
+        thoughts = {"answer": trigger / 10 + side, "phase": phase}
+        return Decision(self.names[side], command, 1.0 + side + trigger / 10, thoughts)
 
 
 def _wall(width_px: int, height_px: int, seed: int) -> NDArray[np.float32]:

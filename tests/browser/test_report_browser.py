@@ -42,7 +42,7 @@ addEventListener("securitypolicyviolation", (e) => console.error("refused " + e.
 addEventListener("load", () => setTimeout(() => {
   const colours = (canvas) => new Set(new Uint32Array(
     canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.buffer)).size;
-  const canvases = [...document.querySelectorAll("#charts canvas")];
+  const canvases = [...document.querySelectorAll("main canvas")];
   const over = document.querySelector("#charts .u-over");
   const box = over.getBoundingClientRect();
   const ticks = () => canvases[0].toDataURL();
@@ -63,6 +63,10 @@ addEventListener("load", () => setTimeout(() => {
         colours: canvases.map(colours), readouts, zoom: zoomed !== whole,
         requests: performance.getEntriesByType("resource").map((e) => e.name)
           .filter((name) => !name.startsWith("data:")),
+        drawn: [...document.querySelectorAll(".picture svg")]
+          .filter((svg) => getComputedStyle(svg).display !== "none")
+          .map((svg) => svg.className.baseVal),
+        dark: getComputedStyle(document.body).backgroundColor,
         pictures: [...document.images].map((i) => i.naturalWidth),
         wide: document.documentElement.scrollWidth > innerWidth,
         injected: document.querySelectorAll("[onerror]").length,
@@ -92,7 +96,7 @@ class Cells(HTMLParser):
         elif tag == "td":
             self.cell = self.row | attributes
         elif tag == "data" and "data-key" in self.cell:
-            names = ("data-side", "data-front-end", "data-key", "data-index")
+            names = ("data-side", "data-segment", "data-front-end", "data-key", "data-index")
             place = tuple(self.cell[name] for name in names if name in self.cell)
             self.values[place] = float(attributes["value"] or "nan")
             self.cell = {}
@@ -108,13 +112,13 @@ class Visit:
     console: list[str]
 
 
-def visit(run: SyntheticRun, folder: Path) -> Visit:
+def visit(run: SyntheticRun, folder: Path, *flags: str) -> Visit:
     summary = summarise(run)
     page = folder / "report.html"
     write_report(page, run, summary)
     page.write_text(page.read_text().replace("</body>", PROBE + "</body>"))
     assert BROWSER is not None
-    command = [BROWSER, *FLAGS, f"--user-data-dir={folder / 'profile'}", page.as_uri()]
+    command = [BROWSER, *FLAGS, *flags, f"--user-data-dir={folder / 'profile'}", page.as_uri()]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     found = re.search(r'id="probe">(.*?)</script>', result.stdout, re.DOTALL)
     assert found is not None, result.stderr
@@ -137,7 +141,7 @@ def test_no_request(seen: Visit) -> None:
 
 
 def test_every_curve_is_drawn_and_every_picture_decodes(seen: Visit) -> None:
-    assert len(seen.probe["colours"]) == 7
+    assert len(seen.probe["colours"]) == 7 + 2 + 1
     assert min(seen.probe["colours"]) > 5
     assert seen.probe["pictures"]
     assert min(seen.probe["pictures"]) > 0
@@ -163,7 +167,7 @@ def test_the_page_is_no_wider_than_the_window(seen: Visit) -> None:
 
 def test_tables_equal_summary_json(seen: Visit) -> None:
     shown = Cells(seen.dom).values
-    expected: dict[tuple[str, ...], float] = {
+    expected: dict[tuple[str, ...], float | None] = {
         ("frames",): seen.summary["frames"],
         ("pairs_complete",): seen.summary["pairs_complete"],
     }
@@ -171,12 +175,23 @@ def test_tables_equal_summary_json(seen: Visit) -> None:
     for side in ("left", "right"):
         part = seen.summary[side]
         for name in ("orb", "viso2"):
-            shown_keys = ("median", "min", "p5", "mean", "blind_frames")
-            expected |= {(side, name, key): part[name][key] for key in shown_keys}
+            expected |= {(side, name, key): number for key, number in part[name].items()}
+            for kind, segment in part["segments"].items():
+                for key in ("median", "min", "blind_frames"):
+                    expected[(side, kind, name, key)] = segment[name][key]
         for key in ("exposure_us", "gain_db"):
             expected |= {(side, key, str(i)): part[key][i] for i in range(3)}
         expected |= {(side, "decision_ms", p): n for p, n in part["decision_ms"].items()}
-    assert shown == expected
+        told = part["odometry"]
+        for key in ("frames_lost", "ate_m", "rpe_m", "rpe_deg", "scale"):
+            expected[(side, "odometry", key)] = told[key]
+        expected |= {(side, "failures", reason): n for reason, n in told["failures"].items()}
+    assert len(seen.summary["left"]["segments"]) == 2
+    assert {place: value for place, value in expected.items() if value is not None} == {
+        place: value for place, value in shown.items() if place in expected
+    }
+    unexpected = [place for place in shown if place not in expected]
+    assert all(place[1] == "failures" and shown[place] == 0 for place in unexpected)
 
 
 def test_hostile_names_run_no_script(tmp_path: Path) -> None:
@@ -185,3 +200,20 @@ def test_hostile_names_run_no_script(tmp_path: Path) -> None:
     assert seen.console == []
     assert seen.probe["injected"] == 0
     assert seen.probe["requests"] == []
+
+
+def test_only_the_chosen_front_ends_matches_are_drawn(seen: Visit) -> None:
+    assert set(seen.probe["drawn"]) == {"orb"}
+    assert len(seen.probe["drawn"]) == len(seen.probe["pictures"])
+
+
+def test_it_is_dark_where_the_reader_likes_it_dark_and_fits_a_phone(
+    seen: Visit, tmp_path: Path
+) -> None:
+    assert seen.probe["dark"] == "rgb(255, 255, 255)"
+    flags = ("--blink-settings=preferredColorScheme=0", "--window-size=390,844")
+    phone = visit(SyntheticRun(triggers=30, lost={20: "timeout"}), tmp_path, *flags)
+    assert phone.probe["dark"] == "rgb(20, 24, 28)"
+    assert phone.probe["wide"] is False
+    assert phone.console == []
+    assert min(phone.probe["colours"]) > 5

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from synthetic_run import SyntheticRun
 
 from rig.core.types import Pair
+from rig.evaluation.odometry import Odometry, Step, Trajectory
 from rig.evaluation.report import write_report
+from rig.evaluation.report.curves import curves
+from rig.evaluation.report.internals import spoken
 from rig.evaluation.report.page import render
+from rig.evaluation.report.tiles import tiles
 from rig.evaluation.report.verdict import verdict
+from rig.evaluation.report.ways import ways
 from rig.evaluation.report.wording import labels, number, significant
-from rig.evaluation.summary import summarise
+from rig.evaluation.summary import Summary, summarise
 
 
 def page(run: SyntheticRun) -> str:
@@ -65,6 +72,77 @@ def test_the_curves_are_the_series(run: SyntheticRun, text: str) -> None:
     assert left["values"] == [None if c != c else c for c in counts.tolist()]
     assert (left["name"], right["name"]) == ("ours", "aeag")
     assert drawn["charts"][2]["log"] is True
+
+
+def test_the_parts_of_the_drive_are_shaded_and_have_their_own_rows(
+    run: SyntheticRun, text: str
+) -> None:
+    assert [(part.kind, part.first, part.last) for part in summarise(run).segments] == [
+        ("static", 0, 15),
+        ("inside", 16, 29),
+        ("static", 30, 39),
+    ]
+    drawn = curves(summarise(run))["segments"]
+    assert drawn[1] == {"kind": "inside", "first": 16, "last": 29}
+    assert 'data-segment="inside"' in text
+    assert 'data-segment="static"' in text
+
+
+def test_the_tiles_compare_at_a_glance(run: SyntheticRun) -> None:
+    summary = summarise(run)
+    shown = tiles(summary)
+    assert len(shown) == 4
+    median, blind = shown[0], shown[2]
+    assert max(bar.length_pct for bar in median.bars) == 100
+    assert blind.bars[0].text == str(summary.left.inliers["orb"].blind_frames)
+    assert tiles(summarise(SyntheticRun(triggers=3))) == []
+
+
+def test_what_controllers_say_is_drawn_and_counted(run: SyntheticRun, text: str) -> None:
+    summary = summarise(run)
+    internal = [c for c in curves(summary)["charts"] if c["host"] == "internal-charts"]
+    assert [(c["title"], c["curves"][0]["side"]) for c in internal] == [
+        ("answer", "left"),
+        ("answer", "right"),
+    ]
+    assert internal[1]["curves"][0]["values"][11] == 2.1
+    assert internal[1]["curves"][0]["values"][20] is None
+    words = spoken(summary)
+    assert [(said.side, said.about) for said in words] == [("left", "phase"), ("right", "phase")]
+    assert dict(words[0].counts) == {"hold": 15, "search": 13}
+    assert ">search <b>13</b>" in text
+
+
+def driven(summary: Summary, truth: Trajectory) -> Summary:
+    """Return the run as if left alone had told a way: the true one at half the length."""
+    moves = np.linalg.inv(truth.poses[1:]) @ truth.poses[:-1]
+    moves[:, :3, 3] /= 2
+    steps = [Step(k + 1, k, 50, 40, "", move) for k, move in enumerate(moves)]
+    primary = replace(summary.series.cameras.primary, odometry=Odometry(tuple(steps), truth))
+    cameras = Pair(primary, replace(summary.series.cameras.secondary, odometry=None))
+    return replace(summary, series=replace(summary.series, cameras=cameras))
+
+
+def test_the_map_lays_a_told_way_on_the_true_one(run: SyntheticRun) -> None:
+    turns = np.arange(30) / 30
+    poses = np.tile(np.eye(4), (30, 1, 1))
+    poses[:, 0, 3], poses[:, 1, 3] = 40 * np.sin(turns), 40 * np.cos(turns)
+    drawn = ways(driven(summarise(run), Trajectory(np.arange(30), poses)))
+    assert drawn is not None
+    assert drawn.true
+    by_name = {way.whose: np.array(re.findall(r"[\d.]+", way.path), float) for way in drawn.ways}
+    assert by_name["left"] == pytest.approx(by_name["truth"], abs=0.2)
+    assert by_name["truth"][-2] - by_name["truth"][0] == pytest.approx(480 - 2 * 16, abs=0.5)
+    assert drawn.bar_label == "5 m"
+    assert drawn.bar_px == pytest.approx(5 * 448 / np.hypot(*(poses[-1] - poses[0])[:2, 3]), abs=1)
+    assert ways(summarise(SyntheticRun(triggers=3))) is None
+
+
+def test_a_page_without_pictures_is_smaller_and_reads_none(run: SyntheticRun) -> None:
+    summary = summarise(run)
+    bare = render(run, summary, pictures=False)
+    assert "<img" not in bare
+    assert len(bare) < 200_000
 
 
 def test_simulated_runs_say_so_and_real_ones_do_not(text: str) -> None:

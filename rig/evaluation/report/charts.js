@@ -2,7 +2,7 @@
 "use strict";
 (() => {
   const series = JSON.parse(document.getElementById("series").textContent);
-  const host = document.getElementById("charts");
+  const drive = document.getElementById("charts");
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const whole = { min: series.pair[0], max: series.pair[series.pair.length - 1] };
   let plots = [];
@@ -32,14 +32,30 @@
     return values.filter((value) => value >= min && value <= max);
   };
 
-  const shade = (u) => {
+  // Light behind the curves: each part of the drive in its colour, named where there is room.
+  const shade = (named) => (u) => {
     const { left, top, width, height } = u.bbox;
     const at = (pair) => Math.min(Math.max(u.valToPos(pair, "x", true), left), left + width);
+    const band = (first, last, fill) => {
+      const start = at(first - 0.5);
+      const across = Math.max(at(last + 0.5) - start, 0);
+      u.ctx.fillStyle = fill;
+      u.ctx.fillRect(start, top, across, height);
+      return { middle: start + across / 2, across };
+    };
     u.ctx.save();
-    u.ctx.fillStyle = colour("--shade");
-    const start = at(whole.min);
-    u.ctx.fillRect(start, top, Math.max(at(series.warm_up - 0.5) - start, 0), height);
-    u.ctx.fillStyle = colour("--rule");
+    u.ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    u.ctx.textAlign = "center";
+    u.ctx.textBaseline = "top";
+    for (const part of series.segments) {
+      const { middle, across } = band(part.first, part.last,
+        part.kind === "static" ? "transparent" : colour(`--${part.kind}`));
+      if (!named || u.ctx.measureText(part.kind).width + 6 * devicePixelRatio > across) continue;
+      u.ctx.fillStyle = colour("--soft");
+      u.ctx.fillText(part.kind, middle, top + 3 * devicePixelRatio);
+    }
+    band(whole.min, series.warm_up - 1, colour("--shade"));
+    u.ctx.fillStyle = colour("--faint");
     for (const pair of series.incomplete) {
       const x = u.valToPos(pair, "x", true);
       if (x >= left && x <= left + width) u.ctx.fillRect(x - 1, top, 2, height);
@@ -79,8 +95,9 @@
     }
   };
 
-  const build = (chart, last) => {
+  const build = (chart, first, last) => {
     const figure = element("figure", "chart");
+    const host = document.getElementById(chart.host);
     const caption = element("figcaption");
     const title = element("b", "", chart.title);
     if (chart.unit) title.append(element("span", "unit", ` (${chart.unit})`));
@@ -114,7 +131,7 @@
       series: [{}, ...chart.curves.map((curve) => ({
         label: curve.name, stroke: colour(`--${curve.side}`), width: 1.6, spanGaps: false,
         points: { size: 4 } }))],
-      hooks: { drawClear: [shade], draw, setCursor: [show] },
+      hooks: { drawClear: [shade(first)], draw, setCursor: [show] },
     }, [series.pair, ...chart.curves.map((curve) => curve.values)], figure);
     show(u);
     touch(u);
@@ -143,8 +160,10 @@
 
   const drawAll = () => {
     plots.forEach(({ u }) => u.destroy());
-    host.replaceChildren();
-    plots = series.charts.map((chart, i) => build(chart, i === series.charts.length - 1));
+    const hosts = series.charts.map((chart) => chart.host);
+    new Set(hosts).forEach((name) => document.getElementById(name).replaceChildren());
+    plots = series.charts.map((chart, i) =>
+      build(chart, i === 0, hosts[i + 1] !== chart.host));
   };
 
   const fit = () => plots.forEach(({ u, figure }) => {
@@ -153,7 +172,7 @@
 
   if (series.pair.length === 0) return;
   drawAll();
-  new ResizeObserver(fit).observe(host);
+  new ResizeObserver(fit).observe(drive);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
   document.getElementById("zoom-in").addEventListener("click", zoomIn);
   document.getElementById("zoom-out").addEventListener("click", () => look(whole.min, whole.max));

@@ -11,34 +11,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.types import PairRecord
+from rig.evaluation.front_ends import FRONT_ENDS
 from rig.evaluation.inliers import Matches, arrived, grey_of
 from rig.evaluation.report.wording import labels
 from rig.evaluation.statistics import counted
 from rig.evaluation.summary import RACE_SIDES, RaceSide, Summary, at
 from rig.vision.bayer import to_bgr
-from rig.vision.orb import ANALYSIS_SIZE_PX, OrbFrontEnd
+from rig.vision.orb import ANALYSIS_SIZE_PX
 
 PICTURE_WIDTH_PX = 560
 WEBP_QUALITY = 78
-MOST_LINES = 800
+MOST_LINES = 600
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
-    """One side's picture at a moment, with its inliers as SVG path data.
+class Drawn:
+    """The inliers of one front end as SVG path data.
 
     `flow_path` leads from where each inlier was in the picture before to where it is now,
     `point_path` marks the latter; both in a viewBox of `width_px` x `height_px`, the size that
-    ORB looked at, stretched over the picture.
+    the front end looked at, stretched over the picture.
     """
 
-    side: RaceSide
-    data_uri: str
+    front_end: str
     width_px: int
     height_px: int
     flow_path: str
     point_path: str
     inliers: int
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One side's picture at a moment, with the inliers of each front end."""
+
+    side: RaceSide
+    data_uri: str
+    drawn: tuple[Drawn, ...]
     exposure_us: float
     gain_db: float
 
@@ -101,21 +110,25 @@ def _neighbours(records: Iterable[PairRecord]) -> Iterator[tuple[PairRecord, Pai
 def _picture(summary: Summary, side: RaceSide, before: PairRecord, record: PairRecord) -> Picture:
     wired = summary.wired(side)
     earlier, frame = arrived(at(before.shot, wired)), arrived(at(record.shot, wired))
-    orb = OrbFrontEnd()
-    matches = orb.match(orb.features(grey_of(earlier)), orb.features(grey_of(frame)))
-    width_px, height_px = ANALYSIS_SIZE_PX
-    flow, points = _paths(matches)
+    greys = grey_of(earlier), grey_of(frame)
     return Picture(
         side=side,
         data_uri=_data_uri(to_bgr(frame.image, frame.pixel_format)),
-        width_px=width_px,
-        height_px=height_px,
-        flow_path=flow,
-        point_path=points,
-        inliers=matches.inliers,
+        drawn=tuple(_drawn(name, *greys) for name in summary.camera(side).inliers),
         exposure_us=frame.used.exposure_us,
         gain_db=frame.used.gain_db,
     )
+
+
+def _drawn(name: str, before: NDArray[np.uint8], now: NDArray[np.uint8]) -> Drawn:
+    front_end = FRONT_ENDS[name].front_end(None)
+    matches = front_end.match(front_end.features(before), front_end.features(now))
+    height_px, width_px = now.shape
+    if name == "orb":
+        width_px, height_px = ANALYSIS_SIZE_PX
+    flow, points = _paths(matches)
+    inliers = int(np.count_nonzero(matches.inlier_mask))
+    return Drawn(name, width_px, height_px, flow, points, inliers)
 
 
 def _paths(matches: Matches) -> tuple[str, str]:
