@@ -114,7 +114,10 @@ def _open_simulation(address: Address, *, seed: int, split: str) -> SimulatedSou
         if option not in known:
             raise _unknown("option", option, known, f"sim:{address.name}")
     special = {name: word for name, word in address.options.items() if name in of_world}
-    words = _DEFAULTS | {"seed": str(seed), "split": split} | dict(address.options)
+    words = _DEFAULTS | {"seed": str(seed), "split": split}
+    if address.name in worlds.SPEEDS_MPS:
+        words["speed_mps"] = str(worlds.SPEEDS_MPS[address.name])
+    words |= dict(address.options)
     values = {name: _value(address, name, words[name]) for name in SIMULATION_OPTIONS}
     model = load_camera_model(values["camera"])
     width_px, height_px = values["size"]

@@ -91,9 +91,13 @@ class Assembly:
         cutout: str | None = None,
         emitted_cd_m2: float = 0.0,
         solid: bool = True,
+        at_tile: tuple[float, float] | None = None,
     ) -> None:
-        """Add one quad; the first edge is the texture's u, the last one its v."""
-        u, v = (float(value) for value in self._rng.random(2))
+        """Add one quad; the first edge is the texture's u, the last one its v.
+
+        `at_tile` is where in its texture the quad begins, in tiles; at random when absent.
+        """
+        u, v = (float(value) for value in self._rng.random(2)) if at_tile is None else at_tile
         offset = (0.0, 0.0) if material.tile_m is None else (u, v)
         self.quads.append(
             Quad(

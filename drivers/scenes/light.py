@@ -21,7 +21,10 @@ from rig.drivers.scenes.trajectories import Vector
 LIGHT_VERSION = "light/2"
 """Part of the cache key: a change here bakes every world again."""
 
-_RAYS = (16, 48)
+STREET_RAYS = (16, 48)
+ROOM_RAYS = (32, 32, 48, 320)
+"""Walls return more light than streets do, and daylight comes through small openings."""
+
 _SUN_RAYS = 4
 _LAMP_REACH_M = 60.0
 _LIFT_M = 0.02
@@ -55,16 +58,21 @@ class Tree(NamedTuple):
     far_corner: NDArray[np.float64]
 
 
-def bake(surfaces: Surfaces, sun: Sunlight) -> NDArray[np.float32]:
-    """Return the illuminance, lux, of all texels of `surfaces.light_table`, flat."""
+def bake(
+    surfaces: Surfaces, sun: Sunlight, rays: tuple[int, ...] = STREET_RAYS
+) -> NDArray[np.float32]:
+    """Return the illuminance, lux, of all texels of `surfaces.light_table`, flat.
+
+    `rays` are those that gather light in each texel, one number for each bounce.
+    """
     tree = _build_tree(surfaces)
     direct = np.zeros(int(surfaces.light_table[-1, 0] + surfaces.light_table[-1, 1:].prod()))
     lamps = np.flatnonzero(surfaces.emitted > 0)
     _bake_direct(surfaces, tree, sun, lamps, direct)
     total = direct
-    for rays in _RAYS:
+    for count in rays:
         gathered = np.zeros_like(direct)
-        _gather(surfaces, tree, sun, rays, total, gathered)
+        _gather(surfaces, tree, sun, count, total, gathered)
         total = direct + _smooth(surfaces, gathered)
     return total.astype(np.float32)
 

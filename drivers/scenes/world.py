@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from rig.core.types import Intrinsics, Side, Truth
 from rig.drivers.scenes.blur import flow_blur
 from rig.drivers.scenes.cache import Arrays, cached
 from rig.drivers.scenes.geometry import Quad, Surfaces, surfaces
-from rig.drivers.scenes.light import LIGHT_VERSION, Sunlight, bake
+from rig.drivers.scenes.light import LIGHT_VERSION, STREET_RAYS, Sunlight, bake
 from rig.drivers.scenes.raster import render
 from rig.drivers.scenes.textures import Atlas, Image, make_atlas
 from rig.drivers.scenes.trajectories import Drive, Pose, Vector
@@ -24,6 +25,19 @@ _FX_PER_WIDTH = 1806.0 / 2048.0
 """The focal length of the thesis' lens and sensor, in picture widths (thesis 5.1)."""
 
 _REMEMBERED_VIEWS = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """Something that opens or closes while the drive lasts, and changes the light with it.
+
+    `quads` returns all quads of the world for a share of the change, 0 to 1: always as many, of the
+    same sizes; `share` is how far it is at a time. Light is baked at evenly spaced shares.
+    """
+
+    quads: Callable[[float], Sequence[Quad]]
+    share: Callable[[float], float]
+    stages: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,11 +56,13 @@ class Plan:
     sun: Sunlight
     drive: Drive
     drive_s: float
+    rays: tuple[int, ...] = STREET_RAYS
+    change: Change | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A plan with its light."""
+    """A plan with its light; `light_lux` has a row for each stage of the plan's change, or one."""
 
     plan: Plan
     surfaces: Surfaces
@@ -54,19 +70,31 @@ class World:
     light_lux: NDArray[np.float32]
     sky: NDArray[np.float32]
 
+    def at(self, time_s: float) -> tuple[Surfaces, NDArray[np.float32]]:
+        """Return the surfaces and their light at a time; between two stages the light is mixed."""
+        change = self.plan.change
+        if change is None:
+            return self.surfaces, self.light_lux[0]
+        share = change.share(time_s)
+        place = share * (change.stages - 1)
+        before = min(int(place), change.stages - 2)
+        later = np.float32(place - before)
+        light = self.light_lux[before] * (1 - later) + self.light_lux[before + 1] * later
+        return surfaces(change.quads(share), self.atlas), light
+
 
 def bake_world(plan: Plan) -> World:
     """Return the world of a plan, with its light from the cache or freshly baked."""
 
     def make() -> Arrays:
         atlas = make_atlas(plan.textures())
-        light = bake(surfaces(plan.quads, atlas), plan.sun)
+        stages = [bake(surfaces(quads, atlas), plan.sun, plan.rays) for quads in _stages(plan)]
         return {
             "names": np.array(atlas.names),
             "texels": atlas.texels,
             "table": atlas.table,
             "mean": atlas.mean,
-            "light_lux": light,
+            "light_lux": np.stack(stages),
             "sky": plan.sky(),
         }
 
@@ -75,10 +103,18 @@ def bake_world(plan: Plan) -> World:
     return World(plan, surfaces(plan.quads, atlas), atlas, store["light_lux"], store["sky"])  # type: ignore[arg-type]
 
 
+def _stages(plan: Plan) -> list[Sequence[Quad]]:
+    """Return the quads for which light is baked."""
+    if plan.change is None:
+        return [plan.quads]
+    return [plan.change.quads(k / (plan.change.stages - 1)) for k in range(plan.change.stages)]
+
+
 def _digest(plan: Plan) -> str:
     """Return a hash of all geometry, materials and light, so that no stale light is ever used."""
     digest = hashlib.sha256(repr(plan.sun).encode())
-    for quad in plan.quads:
+    digest.update(repr(plan.rays).encode())
+    for quad in chain.from_iterable(_stages(plan)):
         digest.update(quad.corners.tobytes() + quad.facing.tobytes())
         words = (quad.material, quad.texels_per_m, quad.offset, quad.cutout, quad.emitted_cd_m2)
         digest.update(repr((*words, quad.solid)).encode())
@@ -167,15 +203,16 @@ class RenderedScene:
     def ground_lux(self, time_s: float) -> float:
         """Return the illuminance of the ground under the primary camera; 0 without ground."""
         eye = self.pose("primary", time_s).centre
-        return float(np.mean([_lux_under(self.world, eye + step) for step in _AROUND_M]))
+        places = [_lux_under(*self.world.at(time_s), eye + step) for step in _AROUND_M]
+        return float(np.mean(places))
 
     def rendered(
         self, side: Side, time_s: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """Return the radiance, the same in grey, and the depth of one camera at one instant."""
-        w = self.world
-        pose = self.pose(side, time_s)
-        return render(w.surfaces, w.atlas, w.light_lux, w.sky, self.lens, pose)
+        seen, light_lux = self.world.at(time_s)
+        atlas, sky = self.world.atlas, self.world.sky
+        return render(seen, atlas, light_lux, sky, self.lens, self.pose(side, time_s))
 
     def truth(self, time_s: float) -> Truth:
         """Return where the primary camera is and how bright its view is."""
@@ -190,9 +227,8 @@ _AROUND_M = np.array([[0, 0, 0], [0.8, 0, 0], [-0.8, 0, 0], [0, 0, 0.8], [0, 0, 
 """Places about the size of a dashboard, to look for ground under."""
 
 
-def _lux_under(world: World, above: Vector) -> float:
+def _lux_under(w: Surfaces, light_lux: NDArray[np.float32], above: Vector) -> float:
     """Return the illuminance of the highest level surface that lies under a point; 0 without."""
-    w = world.surfaces
     away = above - w.origin
     a, b = (
         (away * axis).sum(1) / np.maximum((axis * axis).sum(1), 1e-12)
@@ -205,7 +241,7 @@ def _lux_under(world: World, above: Vector) -> float:
     quad = inside[np.argmax(w.origin[inside, 1])]
     offset, wide, high = (int(v) for v in w.light_table[quad])
     column, row = int(a[quad] * (wide - 1) + 0.5), int(b[quad] * (high - 1) + 0.5)
-    return float(world.light_lux[offset + row * wide + column])
+    return float(light_lux[offset + row * wide + column])
 
 
 def lens_for(width_px: int, height_px: int) -> Intrinsics:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from rig.core.errors import UsageError
 from rig.core.types import Intrinsics
-from rig.drivers.scenes import chessboard, wall
+from rig.drivers.scenes import chessboard, door, doorway, indoor, wall
 from rig.drivers.scenes.optics import Optics, through_optics, wide_lens
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.tunnel import tunnel
@@ -26,6 +26,14 @@ class Builder(Protocol):
         ...
 
 
+class RoomBuilder(Protocol):
+    """Plans one world of a family of buildings."""
+
+    def __call__(self, seed: int, split: str, speed_mps: float, options: Mapping[str, str]) -> Plan:
+        """Return the plan of the world `seed` of a split; raises UsageError for an option."""
+        ...
+
+
 class Studio(Protocol):
     """Opens a world that is looked at, not driven through."""
 
@@ -35,17 +43,32 @@ class Studio(Protocol):
 
 
 WORLDS: Mapping[str, Builder] = {"tunnel": tunnel}
+ROOMS: Mapping[str, RoomBuilder] = {
+    "door": door.door,
+    "doorway": doorway.doorway,
+    "indoor": indoor.indoor,
+}
 STUDIOS: Mapping[str, Studio] = {
     "wall": wall.open_wall,
     "chessboard": chessboard.open_chessboard,
 }
-NAMES = (*WORLDS, *STUDIOS)
+NAMES = (*WORLDS, *ROOMS, *STUDIOS)
 
 WORLD_OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "door": door.OPTIONS,
+    "doorway": doorway.OPTIONS,
+    "indoor": indoor.OPTIONS,
     "wall": wall.OPTIONS,
     "chessboard": chessboard.OPTIONS,
 }
 """The options that only one world has."""
+
+SPEEDS_MPS: Mapping[str, float] = {
+    "door": door.SPEED_MPS,
+    "doorway": doorway.SPEED_MPS,
+    "indoor": indoor.SPEED_MPS,
+}
+"""How fast the drive through a world is where an address does not say, if not as a car."""
 
 
 def open_world(
@@ -93,4 +116,8 @@ def _open(
 ) -> Scene:
     if name in STUDIOS:
         return STUDIOS[name](seed, lens, options)
-    return RenderedScene(bake_world(WORLDS[name](seed, split, speed_mps)), lens)
+    if name in ROOMS:
+        plan = ROOMS[name](seed, split, speed_mps, options)
+    else:
+        plan = WORLDS[name](seed, split, speed_mps)
+    return RenderedScene(bake_world(plan), lens)
