@@ -20,7 +20,7 @@ from rig.drivers.scenes.motions import DRIVE_S, read_motion, robot_drive
 from rig.drivers.scenes.outdoors import surroundings
 from rig.drivers.scenes.rooms import Box, Builder, Face, Opening
 from rig.drivers.scenes.trajectories import Vector
-from rig.drivers.scenes.tunnel import world_rng
+from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Change, Plan
 
 DOOR_VERSION = "door/1"

@@ -16,7 +16,7 @@ from rig.drivers.scenes.light import ROOM_RAYS
 from rig.drivers.scenes.motions import DRIVE_S, read_motion, robot_drive
 from rig.drivers.scenes.outdoors import surroundings
 from rig.drivers.scenes.rooms import WOOD, Box, Builder, Face, Opening, mirrored, outside
-from rig.drivers.scenes.tunnel import world_rng
+from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Plan
 
 DOORWAY_VERSION = "doorway/1"

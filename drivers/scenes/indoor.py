@@ -17,7 +17,7 @@ from rig.drivers.scenes.light import ROOM_RAYS
 from rig.drivers.scenes.motions import DRIVE_S, read_motion, robot_drive
 from rig.drivers.scenes.outdoors import surroundings
 from rig.drivers.scenes.rooms import Box, Builder, Opening
-from rig.drivers.scenes.tunnel import world_rng
+from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Plan
 
 INDOOR_VERSION = "indoor/1"

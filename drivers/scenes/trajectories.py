@@ -19,6 +19,8 @@ Vector = NDArray[np.float64]
 _STEP_M = 0.25
 _BASELINE_M = 0.0392
 """Distance between the two cameras (thesis 3.1)."""
+_SHAKING_HZ = 5.0
+"""A vehicle's body moves at 1 to 2 Hz; wheels and mounts shake above this."""
 
 
 class Bend(NamedTuple):
@@ -98,9 +100,56 @@ class Pose(NamedTuple):
     centre: Vector
 
 
+class Knot(NamedTuple):
+    """A share of the usual speed or shaking at one arc length; it changes evenly to the next."""
+
+    s_m: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timetable:
+    """When a vehicle passes which arc length: `time_s` rises, `s_m` never falls."""
+
+    time_s: Vector
+    s_m: Vector
+
+    def at(self, time_s: float) -> float:
+        """Return the arc length at a time; the vehicle stands before and after the drive."""
+        return float(np.interp(time_s, self.time_s, self.s_m))
+
+
+class Stop(NamedTuple):
+    """Where a vehicle stands and for how long."""
+
+    s_m: float
+    wait_s: float
+
+
+def paced(
+    speed_mps: float, shares: Sequence[Knot], length_m: float, stops: Sequence[Stop] = ()
+) -> Timetable:
+    """Return when a vehicle that keeps to shares (above 0) of a speed, and stops, gets where."""
+    s_m = np.arange(0.0, length_m + _STEP_M, _STEP_M)
+    slowness = 1.0 / (speed_mps * np.interp(s_m, *np.array(shares).T))
+    time_s = _integral(slowness)
+    for stop in stops:
+        at = int(np.searchsorted(s_m, stop.s_m))
+        arrival_s = float(np.interp(stop.s_m, s_m, time_s))
+        s_m = np.insert(s_m, at, (stop.s_m, stop.s_m))
+        after = time_s[at:] + stop.wait_s
+        time_s = np.concatenate([time_s[:at], (arrival_s, arrival_s + stop.wait_s), after])
+    return Timetable(time_s, s_m)
+
+
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Constant speed along a path, with weave, bounce and vibration, as a function of time."""
+    """A way along a path, with weave, bounce and vibration, as a function of time.
+
+    The speed is `speed_mps` throughout, or what `timetable` says. The road makes the vehicle
+    move, so a slower vehicle moves more slowly and a standing one not at all. `roughness` tells
+    how much of the shaking of wheels and mount each place of the road gives; all of it without.
+    """
 
     path: Path
     speed_mps: float
@@ -112,23 +161,43 @@ class Drive:
     yaw: tuple[Wave, ...]
     pitch: tuple[Wave, ...]
     roll: tuple[Wave, ...]
+    roughness: tuple[Knot, ...] = ()
+    timetable: Timetable | None = None
 
     def pose(self, time_s: float, right_m: float = 0.0) -> Pose:
         """Return the pose of a camera mounted `right_m` to the right of the primary."""
-        s_m = self.start_m + self.speed_mps * time_s
-        yaw = self.path.heading_rad(s_m) + _sum(self.yaw, time_s)
-        rotation = _optical_from_world(yaw, _sum(self.pitch, time_s), _sum(self.roll, time_s))
-        lateral_m = self.lane_m + _sum(self.right, time_s)
-        centre = self.path.at(s_m, lateral_m, self.height_m + _sum(self.up, time_s))
+        s_m, rolling_s = self._progress(time_s)
+        share = self._share(s_m)
+        right, up, yaw, pitch, roll = (
+            _sum(waves, rolling_s, share)
+            for waves in (self.right, self.up, self.yaw, self.pitch, self.roll)
+        )
+        rotation = _optical_from_world(self.path.heading_rad(s_m) + yaw, pitch, roll)
+        centre = self.path.at(s_m, self.lane_m + right, self.height_m + up)
         return Pose(rotation, centre + right_m * rotation[0])
+
+    def _progress(self, time_s: float) -> tuple[float, float]:
+        """Return the arc length, and how long it takes to get there at `speed_mps`."""
+        if self.timetable is None:
+            return self.start_m + self.speed_mps * time_s, time_s
+        s_m = self.timetable.at(time_s)
+        return s_m, (s_m - self.start_m) / self.speed_mps
+
+    def _share(self, s_m: float) -> float:
+        if not self.roughness:
+            return 1.0
+        return float(np.interp(s_m, *np.array(self.roughness).T))
 
     def secondary_pose(self, time_s: float) -> Pose:
         """Return the pose of the secondary camera, 3.92 cm right of the primary."""
         return self.pose(time_s, _BASELINE_M)
 
 
-def _sum(waves: tuple[Wave, ...], time_s: float) -> float:
-    return math.fsum(wave.at(time_s) for wave in waves)
+def _sum(waves: tuple[Wave, ...], time_s: float, share: float) -> float:
+    """Add waves up, only a share of those that are shaking and not the body's own motion."""
+    return math.fsum(
+        wave.at(time_s) * (share if wave.frequency_hz > _SHAKING_HZ else 1.0) for wave in waves
+    )
 
 
 def _optical_from_world(yaw: float, pitch: float, roll: float) -> Vector:

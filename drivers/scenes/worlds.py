@@ -11,6 +11,8 @@ from rig.core.errors import UsageError
 from rig.core.types import Intrinsics
 from rig.drivers.scenes import chessboard, door, doorway, indoor, wall
 from rig.drivers.scenes.optics import Optics, through_optics, wide_lens
+from rig.drivers.scenes.road import road
+from rig.drivers.scenes.route import route
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.tunnel import tunnel
 from rig.drivers.scenes.world import Plan, RenderedScene, bake_world, lens_for
@@ -42,7 +44,7 @@ class Studio(Protocol):
         ...
 
 
-WORLDS: Mapping[str, Builder] = {"tunnel": tunnel}
+WORLDS: Mapping[str, Builder] = {"tunnel": tunnel, "route": route, "road": road}
 ROOMS: Mapping[str, RoomBuilder] = {
     "door": door.door,
     "doorway": doorway.doorway,

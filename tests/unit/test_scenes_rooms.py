@@ -15,7 +15,7 @@ from rig.drivers.registry import open_source
 from rig.drivers.scenes import door, doorway, photographs
 from rig.drivers.scenes.indoor import PLACES
 from rig.drivers.scenes.sky import mean_radiance_cd_m2
-from rig.drivers.scenes.tunnel import world_rng
+from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Plan, RenderedScene, bake_world
 from rig.drivers.scenes.worlds import ROOMS
 

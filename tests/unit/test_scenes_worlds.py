@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from rig.core.errors import UsageError
 from rig.drivers.scenes.cache import cached
 from rig.drivers.scenes.textures import make_atlas
-from rig.drivers.scenes.tunnel import draw_layout, world_rng
+from rig.drivers.scenes.tunnel import draw_layout
+from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import RenderedScene
 from rig.drivers.scenes.worlds import open_world
 
@@ -71,7 +72,7 @@ def test_the_same_world_gives_the_same_bytes_baked_again_and_on_one_thread(
 
 def test_a_drive_lasts_120_triggers_and_knows_its_version(scene: RenderedScene) -> None:
     assert scene.drive_s == pytest.approx(12.0)
-    assert scene.world_version == "tunnel/5"
+    assert scene.world_version == "tunnel/6"
 
 
 def test_smaller_pictures_keep_the_field_of_view(scene: RenderedScene) -> None:

@@ -1,0 +1,223 @@
+"""The world family `route`: once around a block with two underpasses, four turns and three stops.
+
+The sides of the block are numbered in the order of the drive; each ends in a right turn, and the
+last one leads back to the start. The first and the third side have an underpass with an S-bend
+and a light square behind it. Other vehicles stand still: light is baked once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.drivers.scenes import materials
+from rig.drivers.scenes.geometry import Quad
+from rig.drivers.scenes.street import ROAD_HALF_M, Street, bays
+from rig.drivers.scenes.textures import street_textures
+from rig.drivers.scenes.trajectories import Bend, Knot, Path, Stop, paced
+from rig.drivers.scenes.vehicle import shaken_drive
+from rig.drivers.scenes.weather import Weather, daylight, draw_weather, world_rng
+from rig.drivers.scenes.world import Plan
+
+ROUTE_VERSION = "route/1"
+
+_DRIVE_S = 71.0
+_USUAL_MPS = 13.9
+_TURN_M = 14.0 * math.pi / 2 + 6.0
+_TURN_PER_M = 1 / 14.0
+_VERGE_M = 11.0
+_WHITE_FRONT = ((-45.0, 0.0), (6.0, 0.0), (6.0, 14.0), (-45.0, 14.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One side of the block: where it starts, its turn, and its underpass if it has one."""
+
+    start_m: float
+    turn_m: float
+    entrance_m: float = math.inf
+    exit_m: float = math.inf
+
+    @property
+    def end_m(self) -> float:
+        """Return where the turn at its end is over."""
+        return self.turn_m + _TURN_M
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The numbers that a seed draws."""
+
+    sides: tuple[Side, ...]
+    bends: tuple[Bend, ...]
+    stops: tuple[Stop, ...]
+    weather: Weather
+    lamp_cd_m2: float
+    lamp_step_m: float
+    rough_outside: float
+
+    @property
+    def length_m(self) -> float:
+        """Return the length of the loop."""
+        return self.sides[-1].end_m
+
+
+def draw_layout(rng: np.random.Generator) -> Layout:
+    """Return a closed block: its last two sides are as long as the first two ask for."""
+    open_m = [rng.uniform(40.0, 50.0), rng.uniform(42.0, 50.0), rng.uniform(50.0, 60.0)]
+    turn = rng.choice([-1.0, 1.0]) / rng.uniform(75.0, 90.0)
+    tube_m = rng.uniform(78.0, 82.0)
+    cross_m = rng.uniform(62.0, 72.0)
+    lengths = [open_m[0] + tube_m + open_m[1], cross_m, open_m[2] + tube_m + 60.0, cross_m]
+    entrances = (open_m[0], math.inf, open_m[2], math.inf)
+    sides, bends = _block(lengths, entrances, tube_m, turn)
+    end = Path(bends, sides[-1].end_m).at(sides[-1].end_m)
+    lengths[2] += float(end[2])
+    lengths[3] += float(end[0])
+    sides, bends = _block(lengths, entrances, tube_m, turn)
+    stops = [Stop(sides[k].turn_m - 6.0, rng.uniform(2.0, 3.0)) for k in (0, 1, 2)]
+    return Layout(
+        sides=tuple(sides),
+        bends=tuple(bends),
+        stops=tuple(stops),
+        weather=draw_weather(rng, math.pi, 180.0),
+        lamp_cd_m2=rng.uniform(265e3, 300e3),
+        lamp_step_m=rng.uniform(5.0, 7.0),
+        rough_outside=rng.uniform(4.0, 5.0),
+    )
+
+
+def _block(
+    lengths_m: Sequence[float], entrances_m: Sequence[float], tube_m: float, turn: float
+) -> tuple[list[Side], list[Bend]]:
+    sides: list[Side] = []
+    bends: list[Bend] = []
+    start = 0.0
+    for length, entrance in zip(lengths_m, entrances_m, strict=True):
+        into = start + entrance
+        side = Side(start, start + length, into, into + tube_m)
+        if math.isfinite(into):
+            half = 0.5 * tube_m
+            bends += [Bend(into - 2.0, half, turn), Bend(into - 2.0 + half, half, -turn)]
+        bends.append(Bend(side.turn_m, _TURN_M, _TURN_PER_M))
+        sides.append(side)
+        start = side.end_m
+    return sides, bends
+
+
+def route(seed: int, split: str, speed_mps: float) -> Plan:
+    """Return the plan of one block with a drive around it."""
+
+    def rng(part: str) -> np.random.Generator:
+        return world_rng("route", split, seed, part)
+
+    layout = draw_layout(rng("layout"))
+    path = Path(layout.bends, layout.length_m)
+    light = daylight(layout.weather, rng("sky"))
+    timetable = paced(speed_mps, _pace(layout), layout.length_m, layout.stops)
+    return Plan(
+        key=f"route {split} {seed}",
+        version=ROUTE_VERSION,
+        quads=_build(layout, Street(path, rng("objects"))),
+        textures=lambda: street_textures(rng("textures")),
+        sky=lambda: light.sky,
+        sun=light.sun,
+        drive=shaken_drive(
+            rng("motion"), path, speed_mps, roughness=_roughness(layout), timetable=timetable
+        ),
+        drive_s=_DRIVE_S * _USUAL_MPS / speed_mps,
+    )
+
+
+def _tubes(layout: Layout) -> list[Side]:
+    return [side for side in layout.sides if math.isfinite(side.entrance_m)]
+
+
+def _pace(layout: Layout) -> tuple[Knot, ...]:
+    """Return slow turns, slower still at stops, and slowed underpasses."""
+    knots: list[Knot] = []
+    stopping = {stop.s_m for stop in layout.stops}
+    for side in layout.sides:
+        if math.isfinite(side.entrance_m):
+            knots += [Knot(side.entrance_m - 10.0, 1.0), Knot(side.entrance_m, 0.6)]
+            knots += [Knot(side.exit_m, 0.6), Knot(side.exit_m + 15.0, 1.0)]
+        line = side.turn_m - 6.0
+        knots += [Knot(line - 12.0, 1.0), Knot(line, 0.12 if line in stopping else 0.55)]
+        knots += [Knot(side.turn_m, 0.55), Knot(side.end_m, 0.55), Knot(side.end_m + 15.0, 1.0)]
+    return tuple(knots)
+
+
+def _roughness(layout: Layout) -> tuple[Knot, ...]:
+    """Return rough paving outside and smooth asphalt in the underpasses."""
+    knots: list[Knot] = []
+    for side in _tubes(layout):
+        rough, smooth = layout.rough_outside, 0.2
+        knots += [Knot(side.entrance_m - 3.0, rough), Knot(side.entrance_m, smooth)]
+        knots += [Knot(side.exit_m, smooth), Knot(side.exit_m + 3.0, rough)]
+    return tuple(knots)
+
+
+def _build(layout: Layout, street: Street) -> list[Quad]:
+    for side in layout.sides:
+        if math.isfinite(side.entrance_m):
+            _open(street, (side.start_m, side.entrance_m))
+            _underpass(street, side, layout)
+            _square(street, (side.exit_m, side.end_m))
+        else:
+            _open(street, (side.start_m, side.end_m))
+    _plain(street, layout)
+    return street.quads
+
+
+def _open(street: Street, along: tuple[float, float]) -> None:
+    """Build a street with houses, trees, and vehicles beside and opposite."""
+    for bay in bays(*along):
+        street.ground(bay, materials.STREET, _VERGE_M)
+        street.patch(bay[0])
+    outer, inner = (along[0] + 3.0, along[1] - 3.0), (along[0] + 3.0, along[1] - _TURN_M - 3.0)
+    for side, stretch in ((-1.0, outer), (1.0, inner)):
+        street.houses(stretch, side)
+        street.roadside(stretch, side)
+    for s_m in np.arange(along[0] + 12.0, along[1] - _TURN_M - 8.0, 26.0):
+        street.car(float(s_m + street.rng.uniform(0.0, 12.0)), -1.9)
+
+
+def _square(street: Street, along: tuple[float, float]) -> None:
+    """Build a light square, closed by white houses beyond the turn."""
+    for bay in bays(*along):
+        street.ground(bay, materials.PLAZA, _VERGE_M)
+    for side in (-1.0, 1.0):
+        for s_m in np.arange(along[0] + 5.0, along[1] - _TURN_M - 4.0, 9.0):
+            street.bollard(float(s_m), side * (ROAD_HALF_M + street.rng.uniform(0.6, 3.0)))
+    turn_m = along[1] - _TURN_M
+    base, right, ahead = (f(turn_m) for f in (street.path.at, street.path.right, street.path.ahead))
+    up = np.array([0.0, 1.0, 0.0])
+    front = [base + 27.0 * ahead + d * right + h * up for d, h in _WHITE_FRONT]
+    street.put.quad(front, -ahead, materials.WHITE)
+
+
+def _underpass(street: Street, side: Side, layout: Layout) -> None:
+    for index, bay in enumerate(bays(side.entrance_m, side.exit_m)):
+        street.ground(bay, materials.TUBE)
+        street.patch(bay[0])
+        street.tube(bay, pillars=index % 2 == 1)
+        street.roof(bay, 22.0)
+    for s_m in np.arange(side.entrance_m + 4.0, side.exit_m - 3.0, layout.lamp_step_m):
+        street.lamps(float(s_m), layout.lamp_cd_m2)
+    street.portal(side.entrance_m, -1.0, 17.0)
+    street.portal(side.exit_m, 1.0, 17.0)
+    street.inner_signs(side.entrance_m + 2.0, side.exit_m - 3.0)
+    street.van(street.rng.uniform(side.entrance_m + 8.0, side.exit_m - 12.0), -2.95)
+
+
+def _plain(street: Street, layout: Layout) -> None:
+    """Lay grass between and around the streets."""
+    corners = np.array([street.path.at(s) for s in np.arange(0.0, layout.length_m, 5.0)])
+    low, high = corners.min(0) - 80.0, corners.max(0) + 80.0
+    flat = Path((), 1.0)
+    for z in np.arange(low[2], high[2], 40.0):
+        for x in np.arange(low[0], high[0], 40.0):
+            street.put.floor(flat, (z, z + 40.0), (x, x + 40.0), -0.03, materials.GRASS, 0.3)

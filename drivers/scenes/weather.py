@@ -1,0 +1,57 @@
+"""The light of a day, drawn from a seed: sun, sky and clouds."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.drivers.scenes.light import Sunlight
+from rig.drivers.scenes.sky import cloudy_sky, mean_radiance_cd_m2
+
+
+class Weather(NamedTuple):
+    """A sun that shines from an azimuth (from z towards x), and a partly covered sky."""
+
+    sun_azimuth_rad: float
+    sun_elevation_rad: float
+    sun_lux: float
+    sky_cd_m2: float
+    cloud: float
+
+
+class Daylight(NamedTuple):
+    """The panorama that is seen and the light that falls on surfaces."""
+
+    sky: NDArray[np.float32]
+    sun: Sunlight
+
+
+def world_rng(name: str, split: str, seed: int, part: str) -> np.random.Generator:
+    """Return the random numbers of one part of one world; no two worlds share any."""
+    words = [zlib.crc32(text.encode()) for text in (name, split, part)]
+    return np.random.default_rng([*words, seed])
+
+
+def draw_weather(rng: np.random.Generator, azimuth_rad: float, spread_deg: float = 40.0) -> Weather:
+    """Return a clear or partly cloudy noon, its sun within `spread_deg` of an azimuth."""
+    return Weather(
+        sun_azimuth_rad=azimuth_rad + math.radians(rng.uniform(-spread_deg, spread_deg)),
+        sun_elevation_rad=math.radians(rng.uniform(40.0, 55.0)),
+        sun_lux=rng.uniform(9e4, 1.05e5),
+        sky_cd_m2=rng.uniform(4000.0, 6500.0),
+        cloud=rng.uniform(0.05, 0.5),
+    )
+
+
+def daylight(weather: Weather, rng: np.random.Generator) -> Daylight:
+    """Return the light of one weather; `rng` shapes the clouds."""
+    sky = cloudy_sky(rng, weather.sky_cd_m2, weather.cloud)
+    rise, level = math.sin(weather.sun_elevation_rad), math.cos(weather.sun_elevation_rad)
+    azimuth = weather.sun_azimuth_rad
+    towards = np.array([level * math.sin(azimuth), rise, level * math.cos(azimuth)])
+    ground = float(sky[1, -1].mean())
+    return Daylight(sky, Sunlight(towards, weather.sun_lux, mean_radiance_cd_m2(sky), ground))
