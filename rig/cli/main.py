@@ -65,6 +65,10 @@ COMMANDS = {
         "rig calibrate-intrinsics --board charuco:9x6 --square-mm 30 --cameras "
         "'sim:chessboard?board=charuco'",
     ),
+    "simulate": Told(
+        "Write pictures of a simulated world and a contact sheet over exposure and gain.",
+        "rig simulate doorway --exposure-us 100,1000,10000 --gain-db 0,15,30 --pair 0,60",
+    ),
     "serve": Told(
         "Serve a simulated pair as two GigE Vision cameras for any GenICam client.",
         "rig serve 'sim:tunnel?size=320x240'",
