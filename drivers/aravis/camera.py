@@ -28,7 +28,9 @@ _SPOILT_BY = {"timeout": "packets missing", "missing packets": "packets missing"
 
 _EXPOSURE_TOLERANCE_US = 1.0
 _GAIN_TOLERANCE_DB = 0.1
-_CLOCK_TRIES = 30
+_CLOCK_TRIES = 200
+"""One look does on an idle computer; on a busy one most looks are too slow to be exact."""
+
 
 Trigger = Literal["software", "line"]
 
@@ -214,7 +216,7 @@ class ArmedCamera:
             _LOG.warning("%s: frame id %d came again, ignored", self.serial, picture.frame_id)
             return None
         start_ns = self._start_ns(picture.timestamp_ns, host_ns)
-        sequence = self.log.sequence_of(start_ns)
+        sequence = self.log.sequence_of(start_ns, self.clock_error_ns)
         if sequence is None or sequence <= self._last_sequence:
             _LOG.warning("%s: a picture that no trigger began, ignored", self.serial)
             return None
@@ -262,7 +264,7 @@ class ArmedCamera:
         """Raise for a picture of the present trigger that is not whole; pass over older ones."""
         if spoiled.timestamp_ns > 0:
             start_ns = self._start_ns(spoiled.timestamp_ns, self._clock.now_ns())
-            sequence = self.log.sequence_of(start_ns)
+            sequence = self.log.sequence_of(start_ns, self.clock_error_ns)
             if sequence is None or sequence < self.log.count - 1:
                 return
         cause = f"picture incomplete ({_SPOILT_BY.get(spoiled.status, spoiled.status)})"

@@ -120,7 +120,7 @@ def open_session(spec: PairSpec, log: TriggerLog, clock: Clock) -> Session:
             cameras.primary.carry_out(*blackfly.free_run_steps(spec.rate_hz))
             for camera in cameras:
                 camera.limit_exposure(1e6 / spec.rate_hz - _FREE_RUN_MARGIN_US)
-            log.tolerance_ns = 0
+            log.by_trigger = False
         _start(cameras)
         return Session(cameras, log, clock, _FIRING[spec.mode])
 

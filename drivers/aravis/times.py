@@ -18,7 +18,7 @@ GOOD_ERROR_NS = 50_000
 """A look at a clock that is this exact is good enough; until one is, there are more looks."""
 
 MAX_CLOCK_ERROR_NS = 1_000_000
-"""How far a picture may seem to begin before its trigger, for the error of the clocks' fit."""
+"""How far a picture may seem to begin before its trigger, unless the clocks' fit is worse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +32,13 @@ class Fired:
 
 @dataclass(slots=True)
 class TriggerLog:
-    """The last triggers of a pair, counted from 0 over all segments of a run."""
+    """The last triggers of a pair, counted from 0 over all segments of a run.
 
-    tolerance_ns: int = MAX_CLOCK_ERROR_NS
+    Where exposures follow triggers, `by_trigger`, a picture may seem to begin before its own: the
+    next one is fired much later. Cameras at their own pace allow no such slack.
+    """
+
+    by_trigger: bool = True
     count: int = 0
     _fired: deque[Fired] = field(default_factory=lambda: deque(maxlen=256))
 
@@ -47,10 +51,14 @@ class TriggerLog:
         """Count a trigger that could not be fired."""
         self.count += 1
 
-    def sequence_of(self, start_ns: int) -> int | None:
-        """Return the last trigger before an exposure began; None when it began before all."""
+    def sequence_of(self, start_ns: int, error_ns: int = 0) -> int | None:
+        """Return the last trigger before an exposure began; None when it began before all.
+
+        `error_ns` is how far the start may be off.
+        """
+        slack_ns = max(MAX_CLOCK_ERROR_NS, error_ns) if self.by_trigger else 0
         for trigger in reversed(self._fired):
-            if trigger.before_ns - self.tolerance_ns <= start_ns:
+            if trigger.before_ns - slack_ns <= start_ns:
                 return trigger.sequence
         return None
 

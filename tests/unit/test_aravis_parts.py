@@ -56,6 +56,15 @@ def test_a_picture_belongs_to_the_last_trigger_before_it() -> None:
     assert log.sequence_of(-MAX_CLOCK_ERROR_NS - 1) is None
 
 
+def test_a_clock_that_is_known_badly_leaves_more_room_before_a_trigger() -> None:
+    log, free = TriggerLog(), TriggerLog(by_trigger=False)
+    for each in (log, free):
+        each.fired(100_000_000, 100_300_000)
+    assert log.sequence_of(97_000_000) is None
+    assert log.sequence_of(97_000_000, error_ns=3_000_000) == 0
+    assert free.sequence_of(99_999_999, error_ns=3_000_000) is None
+
+
 def test_triggers_that_could_not_be_fired_are_counted() -> None:
     log = TriggerLog()
     log.fired(0, 1)
