@@ -73,17 +73,22 @@ def open_served(plan: PairPlan, scene: PlaneScene) -> AravisSource:
 
 def open_running(running: RunningServer, scene: PlaneScene) -> AravisSource:
     try:
-        surroundings = Surroundings(
-            "gige:sim:plane",
-            Pair(*(scene.intrinsics(side) for side in SIDES)),
-            drive_triggers=30,
-            world_version=scene.world_version,
-            truth=lambda trigger: scene.truth(trigger / 10.0),
-        )
+        surroundings = plane_surroundings("gige:sim:plane", scene)
         return open_pair(PairSpec(running.server.addresses), surroundings, once(running.close))
     except BaseException:
         running.close()
         raise
+
+
+def plane_surroundings(address: str, scene: PlaneScene) -> Surroundings:
+    """Return what a run over the plane knows beside its cameras."""
+    return Surroundings(
+        address,
+        Pair(*(scene.intrinsics(side) for side in SIDES)),
+        drive_triggers=30,
+        world_version=scene.world_version,
+        truth=lambda trigger: scene.truth(trigger / 10.0),
+    )
 
 
 def once(close: object) -> object:

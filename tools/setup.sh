@@ -76,6 +76,10 @@ make_dev() {
         apt_install aravis-tools ||
             say "no aravis-tools: tests with Aravis' own programs will be skipped"
     fi
+    if ! command -v gcc >/dev/null || [ ! -f /usr/include/libusb-1.0/libusb.h ]; then
+        apt_install gcc libc6-dev libusb-1.0-0-dev ||
+            say "no gcc with libusb-1.0-0-dev: tests over USB without a bus will be skipped"
+    fi
     say "installing the test tools and torch into .venv"
     .venv/bin/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[train,dev]'
     touch .venv/.dev

@@ -6,7 +6,7 @@ import functools
 import ipaddress
 import threading
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, cast
@@ -20,9 +20,12 @@ from rig.drivers.aravis.probe import is_controlled
 from rig.drivers.aravis.ring import RING_PICTURES, Ring
 from rig.drivers.aravis.serials import same_serial
 from rig.drivers.blackfly import Value
+from rig.drivers.connected import usb_cameras
 
 _LOST_CODES = frozenset({2, 5, 6})
 """Aravis' codes for not connected, time-out and not found."""
+
+_BUSY = "LIBUSB_ERROR_BUSY"
 
 _SOCKET_BUFFER_BYTES = 4 << 20
 _FRAME_RETENTION_US = 200_000
@@ -345,33 +348,45 @@ def open_camera(name: str) -> Opened:
     Raises CameraError for a camera that is not there or that another program uses.
     """
     aravis = library()
-    with translated(name, "opening"):
-        camera = aravis.Camera.new(name if _is_address(name) else _find(aravis, name))
+    try:
+        with translated(name, "opening"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Aravis warns of what its error says better
+            camera = aravis.Camera.new(name if _is_address(name) else _find(aravis, name))
+    except CameraError as error:
+        raise _in_use(name) if _BUSY in str(error) else error from error.__cause__
     if camera is None:
         raise CameraError(f"{name}: cannot be opened; is another program using it?")
     if camera.is_gv_device() and not camera.get_device().is_controller():
-        raise CameraError(
-            f"{name}: another program controls this camera; close it, such as a viewer or another "
-            "`rig`, and try again"
-        )
+        raise _in_use(name)
     return Opened(camera, name)
 
 
-def found_serials() -> list[str]:
-    """Return the serial numbers of all cameras that answer; takes a second where there are none."""
-    aravis = library()
-    aravis.update_device_list()
-    return [aravis.get_device_serial_nbr(i) or "?" for i in range(aravis.get_n_devices())]
+def _in_use(name: str) -> CameraError:
+    return CameraError(
+        f"{name}: another program controls this camera; close it, such as a viewer or another "
+        "`rig`, and try again"
+    )
+
+
+def look_around(names: Iterable[str]) -> None:
+    """Ask who is there, unless all names are network addresses; takes a second."""
+    if not all(_is_address(name) for name in names):
+        library().update_device_list()
 
 
 def _find(aravis: Any, label: str) -> str:
-    told = found_serials()
+    """Return what Aravis calls a camera, among those that answered when it last looked around."""
+    told = [aravis.get_device_serial_nbr(i) or "?" for i in range(aravis.get_n_devices())]
     for number, serial in enumerate(told):
         if same_serial(label, serial):
             return str(aravis.get_device_id(number))
+    if any(same_serial(label, camera.serial) for camera in usb_cameras()):
+        raise CameraError(
+            f"{label}: is on USB and may not be opened by this user: run rig doctor --install-udev"
+        )
     raise CameraError(
         f"{label}: no such camera; found {', '.join(told) or 'none'}; "
-        "check cable, power and permissions (rig doctor)"
+        "check cable and power (rig doctor)"
     )
 
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+from rig.core.clock import SystemClock
 from rig.core.errors import CameraError, CameraLost, GrabTimeout
 from rig.core.protocols import Clock
 from rig.core.types import MAX_PAIR_OFFSET_NS, Frame, Pair, Settings
 from rig.core.units import us_to_ns
 from rig.drivers import blackfly
-from rig.drivers.aravis.binding import open_camera
+from rig.drivers.aravis.binding import Opened, look_around, open_camera
 from rig.drivers.aravis.camera import ArmedCamera
 from rig.drivers.aravis.times import TriggerLog
 from rig.drivers.blackfly import Setup, camera_type
@@ -46,6 +47,15 @@ class PairSpec:
     rate_hz: float | None = 10.0
     packet_bytes: int | None = None
     setup: Setup = field(default_factory=Setup)
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How cameras are reached: on which clock, and by what they are found and opened."""
+
+    clock: Clock = field(default_factory=SystemClock)
+    look_around: Callable[[Pair[str]], None] = look_around
+    open_camera: Callable[[str], Opened] = open_camera
 
 
 class Firing(Protocol):
@@ -105,16 +115,16 @@ class Session:
             camera.close()
 
 
-def open_session(spec: PairSpec, log: TriggerLog, clock: Clock) -> Session:
+def open_session(spec: PairSpec, log: TriggerLog, reach: Reach) -> Session:
     """Open, set up, prove and arm a pair; raises CameraError with what is wrong."""
-    with _opened(spec, log, clock) as cameras:
+    with _opened(spec, log, reach) as cameras:
         if spec.mode == "software":
             for camera in cameras:
                 camera.wait_for("software", *blackfly.software_trigger_steps())
         else:
             cameras.primary.wait_for("software", *blackfly.primary_steps())
             cameras.secondary.wait_for("line", *blackfly.secondary_steps())
-            prove_wiring(cameras, clock)
+            prove_wiring(cameras, reach.clock)
         if spec.mode == "free-run":
             assert spec.rate_hz is not None
             cameras.primary.carry_out(*blackfly.free_run_steps(spec.rate_hz))
@@ -122,7 +132,7 @@ def open_session(spec: PairSpec, log: TriggerLog, clock: Clock) -> Session:
                 camera.limit_exposure(1e6 / spec.rate_hz - _FREE_RUN_MARGIN_US)
             log.by_trigger = False
         _start(cameras)
-        return Session(cameras, log, clock, _FIRING[spec.mode])
+        return Session(cameras, log, reach.clock, _FIRING[spec.mode])
 
 
 def prove_wiring(cameras: Pair[ArmedCamera], clock: Clock) -> None:
@@ -191,13 +201,14 @@ def _start(cameras: Pair[ArmedCamera]) -> None:
 
 
 @contextlib.contextmanager
-def _opened(spec: PairSpec, log: TriggerLog, clock: Clock) -> Iterator[Pair[ArmedCamera]]:
+def _opened(spec: PairSpec, log: TriggerLog, reach: Reach) -> Iterator[Pair[ArmedCamera]]:
     """Open and configure both cameras; close them again when that fails, or what follows does."""
     cameras: list[ArmedCamera] = []
     try:
+        reach.look_around(spec.names)
         for name in spec.names:
-            opened = open_camera(name)
-            cameras.append(ArmedCamera(opened, camera_type(opened.maker), log, clock))
+            opened = reach.open_camera(name)
+            cameras.append(ArmedCamera(opened, camera_type(opened.maker), log, reach.clock))
             cameras[-1].configure(spec.setup, spec.packet_bytes)
         yield Pair(*cameras)
     except (CameraError, CameraLost):

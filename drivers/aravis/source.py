@@ -6,12 +6,11 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from rig.core.clock import SystemClock
 from rig.core.errors import CameraError, CameraLost, GrabTimeout
 from rig.core.protocols import Camera, Clock
 from rig.core.types import Command, Frame, Intrinsics, Limits, Pair, Settings, Truth
 from rig.core.units import NS_PER_S
-from rig.drivers.aravis.session import PairSpec, Session, open_session
+from rig.drivers.aravis.session import PairSpec, Reach, Session, open_session
 from rig.drivers.aravis.times import TriggerLog
 
 _LOG = logging.getLogger(__name__)
@@ -33,11 +32,12 @@ class Segments:
     when they do not return within GIVE_UP_S.
     """
 
-    def __init__(self, spec: PairSpec, clock: Clock) -> None:
+    def __init__(self, spec: PairSpec, reach: Reach) -> None:
         self._spec = spec
-        self._clock = clock
+        self._reach = reach
+        self._clock = reach.clock
         self._log = TriggerLog()
-        self._session: Session | None = open_session(spec, self._log, clock)
+        self._session: Session | None = open_session(spec, self._log, reach)
         self._number = 1
         self._lost_ns = 0
         self._tried_ns = 0
@@ -100,7 +100,7 @@ class Segments:
         if now_ns - self._tried_ns < _RETRY_S * NS_PER_S:
             return
         try:
-            self._session = open_session(self._spec, self._log, self._clock)
+            self._session = open_session(self._spec, self._log, self._reach)
         except CameraError as error:
             self._tried_ns = self._clock.now_ns()
             if self._tried_ns - self._lost_ns > GIVE_UP_S * NS_PER_S:
@@ -239,13 +239,16 @@ class AravisSource:
 
 
 def open_pair(
-    spec: PairSpec, surroundings: Surroundings, also_close: Callable[[], None] = lambda: None
+    spec: PairSpec,
+    surroundings: Surroundings,
+    also_close: Callable[[], None] = lambda: None,
+    reach: Reach | None = None,
 ) -> AravisSource:
     """Open a pair; raises CameraError with what is wrong."""
-    clock = SystemClock()
-    segments = Segments(spec, clock)
-    cameras = Pair[Camera](*(SegmentCamera(segments, side, clock) for side in range(2)))
-    return AravisSource(surroundings, spec, segments, cameras, clock, also_close)
+    reach = reach or Reach()
+    segments = Segments(spec, reach)
+    cameras = Pair[Camera](*(SegmentCamera(segments, side, reach.clock) for side in range(2)))
+    return AravisSource(surroundings, spec, segments, cameras, reach.clock, also_close)
 
 
 def _intrinsics(size_px: tuple[int, int]) -> Intrinsics:

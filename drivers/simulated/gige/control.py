@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.drivers.simulated.gige import gvcp, registers
-from rig.drivers.simulated.gige.features import Feature
 from rig.drivers.simulated.gige.gvcp import Command, Malformed
 from rig.drivers.simulated.gige.imager import Imager
 from rig.drivers.simulated.gige.registers import AccessDenied, BadAddress, BadValue, Registers
@@ -18,24 +17,6 @@ _NS_PER_MS = 1_000_000
 _CONTROL_BITS = 0x3
 _LATCH_TIMESTAMP = 2
 _FIRE_TEST_PACKET = 0x8000_0000
-
-_IMAGING_FEATURES = frozenset(
-    {
-        "ExposureTime",
-        "Gain",
-        "ExposureAuto",
-        "GainAuto",
-        "AasRoiEnable",
-        "AutoExposureControlPriority",
-        "AutoExposureMeteringMode",
-        "AutoExposureTargetGreyValue",
-        "AutoExposureControlLoopDamping",
-        "AutoExposureExposureTimeLowerLimit",
-        "AutoExposureExposureTimeUpperLimit",
-        "AutoExposureGainLowerLimit",
-        "AutoExposureGainUpperLimit",
-    }
-)
 
 
 @dataclass(slots=True)
@@ -82,13 +63,14 @@ class ControlChannel:
         if command.code == gvcp.DISCOVERY:
             return gvcp.answer(command, self.registers.read(0, registers.DISCOVERY_BYTES))
         if command.code == gvcp.READ_REGISTERS:
-            words = (self._read(address, 4) for address in gvcp.addresses(command))
+            words = (self.registers.read(address, 4) for address in gvcp.addresses(command))
             return gvcp.answer(command, b"".join(words))
         if command.code == gvcp.READ_MEMORY:
             address, size = gvcp.memory_range(command)
             if size > gvcp.MAX_MEMORY_BYTES:
                 return gvcp.answer(command, status=gvcp.INVALID_PARAMETER)
-            return gvcp.answer(command, struct.pack(">I", address) + self._read(address, size))
+            found = self.registers.read(address, size)
+            return gvcp.answer(command, struct.pack(">I", address) + found)
         if command.code in (gvcp.WRITE_REGISTERS, gvcp.WRITE_MEMORY):
             reply = self._write_once(command, sender, now_ns)
             return reply if command.wants_answer else None
@@ -96,12 +78,6 @@ class ControlChannel:
             self.resend(gvcp.resend(command))
             return None
         return gvcp.answer(command, status=gvcp.NOT_IMPLEMENTED) if command.wants_answer else None
-
-    def _read(self, address: int, size: int) -> bytes:
-        found = self.registers.feature_at(address)
-        if found is not None and found[0].name == "PayloadSize":
-            self.registers.set_number("PayloadSize", self.imager.payload_bytes())
-        return self.registers.read(address, size)
 
     def _write_once(self, command: Command, sender: Sender, now_ns: int) -> bytes | None:
         """Obey a write; one that a client repeats, because no answer came, is answered only."""
@@ -136,7 +112,7 @@ class ControlChannel:
         if found is None:
             self._bootstrap_written(write.address, sender, now_ns)
         else:
-            self._feature_written(found[0])
+            self.imager.obey(found[0])
         return gvcp.SUCCESS
 
     def _bootstrap_written(self, address: int, sender: Sender, now_ns: int) -> None:
@@ -152,18 +128,6 @@ class ControlChannel:
             self.registers.set_word(address, value & 0xFFFF)
             if value & _FIRE_TEST_PACKET:
                 self.send_test_packet(value & 0xFFFF)
-
-    def _feature_written(self, feature: Feature) -> None:
-        if feature.name in _IMAGING_FEATURES:
-            self.imager.settings_written()
-        elif feature.name == "AcquisitionStart":
-            self.imager.start()
-        elif feature.name == "AcquisitionStop":
-            self.imager.stop()
-        elif feature.name == "TriggerSoftware":
-            self.imager.software_trigger()
-        elif feature.name == "TimestampLatch":
-            self.registers.set_number("TimestampLatchValue", self.imager.now_ns())
 
     def _latch(self, address: int) -> None:
         now_ns = self.imager.now_ns()

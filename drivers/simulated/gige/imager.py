@@ -13,7 +13,7 @@ from rig.core.types import Auto, Command, Limits, Metering, Priority, Settings
 from rig.core.units import NS_PER_S, us_to_ns
 from rig.drivers.simulated.camera import Overlap, Shot, SimulatedCamera, TakePicture, Wiring
 from rig.drivers.simulated.gige.faults import Faults
-from rig.drivers.simulated.gige.features import CHUNKS
+from rig.drivers.simulated.gige.features import CHUNKS, Feature
 from rig.drivers.simulated.gige.gvsp import Picture, chunk_bytes
 from rig.drivers.simulated.gige.registers import Registers
 from rig.drivers.simulated.program import round_command
@@ -25,6 +25,21 @@ Edge = Callable[[bool, int, int], None]
 _METERINGS: Mapping[str, Metering] = {"Average": "average", "Partial": "partial", "Spot": "spot"}
 _PRIORITIES: Mapping[str, Priority] = {"Gain": "gain", "ExposureTime": "exposure"}
 _INSTANT_BYTES_PER_S = 1e18
+_EXPOSURE_FEATURES = frozenset(
+    {
+        "ExposureTime",
+        "Gain",
+        "ExposureAuto",
+        "GainAuto",
+        "AutoExposureTargetGreyValue",
+        "AutoExposureControlLoopDamping",
+        "AutoExposureExposureTimeLowerLimit",
+        "AutoExposureExposureTimeUpperLimit",
+        "AutoExposureGainLowerLimit",
+        "AutoExposureGainUpperLimit",
+    }
+)
+_SIZE_FEATURES = frozenset({"Width", "Height", "ChunkModeActive", "ChunkEnable"})
 _FREE_RUN_HEADROOM_NS = 1_000
 
 
@@ -57,6 +72,9 @@ class Imager:
     _sequence: int = 0
     _sent: int = 0
 
+    def __post_init__(self) -> None:
+        self._tell_size()
+
     @property
     def taking(self) -> bool:
         """Return whether pictures are being taken."""
@@ -70,6 +88,21 @@ class Imager:
     def now_ns(self) -> int:
         """Return the time of the camera's own clock."""
         return self.world.clock.now_ns() - self.epoch_ns
+
+    def obey(self, feature: Feature) -> None:
+        """Do what the writing of a feature sets off."""
+        commands = {
+            "AcquisitionStart": self.start,
+            "AcquisitionStop": self.stop,
+            "TriggerSoftware": self.software_trigger,
+            "TimestampLatch": self._latch,
+        }
+        if feature.name in _EXPOSURE_FEATURES:
+            self._change_settings()
+        elif feature.name in _SIZE_FEATURES:
+            self._tell_size()
+        elif feature.name in commands:
+            commands[feature.name]()
 
     def start(self) -> None:
         """Begin to take pictures, or wait for triggers."""
@@ -108,7 +141,7 @@ class Imager:
 
         return receive
 
-    def settings_written(self) -> None:
+    def _change_settings(self) -> None:
         """Obey the registers of exposure and gain; what was rounded can be read back."""
         command = self._command()
         if self._camera is not None:
@@ -131,12 +164,15 @@ class Imager:
             self._show(shot.used)
         return self._picture(shot)
 
-    def payload_bytes(self) -> int:
-        """Return the size of a picture with its chunks."""
-        pixels = int(self.registers.number("Width") * self.registers.number("Height"))
-        if not self.registers.number("ChunkModeActive"):
-            return pixels
-        return pixels + chunk_bytes([8 for _ in self._enabled_chunks()])
+    def _tell_size(self) -> None:
+        """Show the size of a picture with its chunks."""
+        size = int(self.registers.number("Width") * self.registers.number("Height"))
+        if self.registers.number("ChunkModeActive"):
+            size += chunk_bytes([8 for _ in self._enabled_chunks()])
+        self.registers.set_number("PayloadSize", size)
+
+    def _latch(self) -> None:
+        self.registers.set_number("TimestampLatchValue", self.now_ns())
 
     def _build(self) -> SimulatedCamera:
         numbers = self.registers.number
