@@ -45,13 +45,13 @@ def judge(recording: Recording, terminal: Terminal, front_ends: FrontEnds = FRON
         return summarise(Watched(recording, advance), front_ends)
 
 
-def publish(folder: Path, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
+def publish(folder: Path, terminal: Terminal, *, pictures: bool = True) -> Summary:
     """Judge a recorded run and write summary.json and report.html beside it."""
     recording = open_recording(folder)
-    summary = judge(recording, terminal, front_ends)
+    summary = judge(recording, terminal)
     values = json.dumps(summary.as_json(), indent=2)
     (folder / "summary.json").write_text(values + "\n", encoding="utf-8")
-    write_report(folder / REPORT, recording, summary)
+    write_report(folder / REPORT, recording, summary, pictures=pictures)
     return summary
 
 

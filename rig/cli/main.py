@@ -75,7 +75,7 @@ COMMANDS = {
     ),
     "report": Told(
         "Write summary.json and report.html of recordings anew.",
-        "rig report runs/20260714-101500-race",
+        "rig report runs/20260714-101500-race --video drive.mp4",
     ),
     "verify": Told(
         "Recompute every claim that a recording makes: pixels, pairing, order, accounting.",

@@ -5,19 +5,59 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.cli.exits import OK
-from rig.cli.judge import publish, tell
+from rig.cli.judge import Watched, publish, tell
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+from rig.core.errors import RigError, UsageError
+from rig.evaluation.summary import Summary
+from rig.evaluation.video import write_video
+from rig.record.reader import open_recording
 
 
-def report(*recordings: Path, terminal: Terminal = DEFAULT_TERMINAL) -> int:
+def report(
+    *recordings: Path,
+    pictures: bool = True,
+    video: Path | None = None,
+    terminal: Terminal = DEFAULT_TERMINAL,
+) -> int:
     """Write summary.json and report.html beside each recording, replacing what is there.
 
     Parameters
     ----------
     recordings:
         Folders of runs, their run.mcap, or their metadata.yaml.
+    pictures:
+        Show the moments worth looking at; a page without them is a small one.
+    video:
+        Film to make of one recording as well, OUT.mp4: both cameras with settings and inliers.
     """
+    if not recordings:
+        raise UsageError("nothing to report on: name a recording")
+    if video is not None:
+        check_video(video, recordings)
     for recording in recordings:
         folder = recording if recording.is_dir() else recording.parent
-        tell(folder, publish(folder, terminal), terminal)
+        summary = publish(folder, terminal, pictures=pictures)
+        tell(folder, summary, terminal)
+        if video is not None:
+            film(video, folder, summary, terminal)
     return OK
+
+
+def check_video(video: Path, recordings: tuple[Path, ...]) -> None:
+    """Refuse early what would make no film."""
+    if len(recordings) != 1:
+        raise UsageError(f"--video makes one film: name one recording, not {len(recordings)}")
+    if video.suffix != ".mp4":
+        raise UsageError(f"--video {video}: the film is an MP4, name a file that ends in .mp4")
+    if video.exists():
+        raise RigError(f"--video {video} exists, nothing is overwritten: name a new file")
+    if not video.parent.is_dir():
+        raise RigError(f"--video {video}: there is no folder {video.parent}; make it first")
+
+
+def film(video: Path, folder: Path, summary: Summary, terminal: Terminal) -> None:
+    """Write the film of a recorded run, showing progress over its triggers."""
+    recording = open_recording(folder)
+    with terminal.progress("filming", len(recording)) as advance:
+        write_video(video, Watched(recording, advance), summary)
+    terminal.say(f"video: {video}")
