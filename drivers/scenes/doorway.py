@@ -27,6 +27,7 @@ _WALL_M = 0.3
 _BRICK = Material("brick", (1.6, 1.6), (1.35, 0.85, 0.65), 0.09)
 _RENDER = Material("plaster", (2.6, 2.6), (0.65, 0.6, 0.5), 0.05)
 _PAVERS = Material("pavers", (2.4, 2.4), (1.1, 1.05, 0.98), 0.1)
+_PANE = Material("dark", None, (0.9, 1.15, 1.5))
 _GRAVEL = Material("gravel", (1.6, 1.6), (1.05, 1.0, 0.9), 0.05)
 
 
@@ -97,7 +98,8 @@ def doorway(seed: int, split: str, speed_mps: float, options: Mapping[str, str])
             speed_mps,
             _start_m(layout, motion),
             float(move.uniform(1.0, 1.4)),
-            pan_rad=math.radians(110.0),
+            pan_rad=math.radians(165.0),
+            pan_hz=0.5 / DRIVE_S,
         ),
         drive_s=DRIVE_S,
         rays=ROOM_RAYS,
@@ -105,9 +107,13 @@ def doorway(seed: int, split: str, speed_mps: float, options: Mapping[str, str])
 
 
 def _start_m(layout: Layout, motion: str) -> float:
-    """Return where a camera begins: one that turns stands in the door, between both lights."""
-    away_m = {"linear": layout.first.far_m - layout.start_m, "rotating": 0.6, "stationary": 3.0}
-    return layout.first.far_m - away_m[motion]
+    """Return where a camera begins.
+
+    One that turns stands outside, so that it looks back into the dim hall in the middle of its
+    drive; one that stands looks out from the hall.
+    """
+    out_m = {"linear": layout.start_m - layout.first.far_m, "rotating": 2.0, "stationary": -3.0}
+    return layout.first.far_m + out_m[motion]
 
 
 def _hall(build: Builder, room: Box, openings: dict[str, list[Opening]]) -> None:
@@ -137,11 +143,12 @@ def _facades(build: Builder, layout: Layout) -> None:
             _wing(build, face, Opening(low, high, 0.0, layout.facade_m), stone)
         lintel = Opening(hole.left_m, hole.right_m, hole.high_m + 0.15, hole.high_m + 0.55)
         build.on_face(face, lintel, build.poster(), 0.04)
+        leaf_paint = Material("door", None, build.shade(0.6, 1.3))
         for edge, towards in ((hole.left_m, -1.0), (hole.right_m, 1.0)):
             leaf = 0.5 * (hole.right_m - hole.left_m)
             part = sorted((edge, edge + towards * leaf))
             opened = Opening(part[0], part[1], 0.02, hole.high_m)
-            build.on_face(face, opened, Material("door", None, build.shade(0.6, 1.3)), 0.06)
+            build.on_face(face, opened, leaf_paint, 0.06)
 
 
 def _wing(build: Builder, face: Face, part: Opening, stone: Material) -> None:
@@ -151,10 +158,9 @@ def _wing(build: Builder, face: Face, part: Opening, stone: Material) -> None:
     for along in np.arange(part.left_m + 1.2, part.right_m - 1.2, float(rng.uniform(2.0, 2.8))):
         for low in np.arange(0.9, part.high_m - 1.7, 2.9):
             pane = Opening(float(along), float(along) + 1.2, float(low), float(low) + 1.4)
-            glass = Material(f"facade{rng.integers(4)}", (8.0, 8.0), (0.5, 0.55, 0.6))
             build.on_face(face, pane, Material("steel", None, (1.6, 1.6, 1.6)), 0.02)
             inner = Opening(pane.left_m + 0.08, pane.right_m - 0.08, low + 0.08, low + 1.32)
-            build.on_face(face, inner, glass, 0.03)
+            build.on_face(face, inner, _PANE, 0.03)
 
 
 def _yard(build: Builder, layout: Layout) -> None:

@@ -14,8 +14,6 @@ Waves = tuple[Wave, ...]
 MOTIONS = ("linear", "rotating", "stationary")
 DRIVE_S = 12.0
 
-_PAN_HZ = 1 / 12.0
-
 
 def read_motion(world: str, word: str) -> str:
     """Return the motion that an option names; raises UsageError for another word."""
@@ -33,8 +31,12 @@ def robot_drive(
     *,
     right_m: float = 0.0,
     pan_rad: float = math.radians(65.0),
+    pan_hz: float = 1 / 12.0,
 ) -> Drive:
-    """Return a drive straight ahead (+z) from `start_m`, a pan to both sides, or a tripod's.
+    """Return a drive straight ahead (+z) from `start_m`, a pan, or a tripod's.
+
+    A pan starts ahead and swings by `pan_rad` to one side, then to the other, `pan_hz` times a
+    second.
 
     The speed is within 15 % of `speed_mps`. A small robot sways and nods with its wheels at about
     1.2 Hz and shakes at 8 to 16 Hz by about half a milliradian; the amplitudes are assumed.
@@ -53,7 +55,7 @@ def robot_drive(
     if motion == "stationary":
         yaw = pitch = roll = sway = heave = ()
     if motion == "rotating":
-        pan = Wave(pan_rad * float(rng.choice([-1.0, 1.0])), _PAN_HZ, 0.0)
+        pan = Wave(pan_rad * float(rng.choice([-1.0, 1.0])), pan_hz, 0.0)
         yaw, sway = (pan, *yaw[1:]), ()
     return Drive(
         path=Path((), 60.0),

@@ -121,6 +121,11 @@ class Builder:
         red, green, blue = (float(v) for v in self.rng.uniform(low, high, 3))
         return (red, green, blue)
 
+    def grey(self, low: float, high: float) -> Colour:
+        """Return a tint without colour."""
+        value = float(self.rng.uniform(low, high))
+        return (value, value, value)
+
     def paint(self) -> Colour:
         """Return a strong tint: of a chair, a book, a car."""
         hue = self.rng.uniform(0.0, 1.0)
@@ -236,7 +241,7 @@ class Builder:
         """Put a closed door with its frame and its number before a wall."""
         leaf = Opening(middle_m - 0.45, middle_m + 0.45, 0.0, 2.05)
         frame = Opening(leaf.left_m - 0.07, leaf.right_m + 0.07, 0.0, 2.12)
-        self.on_face(face, frame, Material("steel", None, self.shade(0.6, 1.2)), 0.02)
+        self.on_face(face, frame, Material("steel", None, self.grey(0.5, 1.4)), 0.02)
         self.on_face(face, leaf, Material("door", None, tint), 0.04)
         plate = Opening(leaf.right_m + 0.15, leaf.right_m + 0.4, 1.45, 1.65)
         self.on_face(face, plate, self.poster(), 0.02)
