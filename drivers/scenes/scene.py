@@ -36,7 +36,7 @@ class Scene(Protocol):
 
     @property
     def world_version(self) -> str:
-        """Return the name and number of what makes the radiances, such as `tunnel/5`."""
+        """Return the name and number of what makes the radiances, such as `tunnel/6`."""
         ...
 
     @property

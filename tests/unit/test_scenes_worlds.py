@@ -8,14 +8,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rig.core.errors import UsageError
+from rig.drivers.scenes import route, worlds
 from rig.drivers.scenes.cache import cached
 from rig.drivers.scenes.textures import make_atlas
 from rig.drivers.scenes.tunnel import draw_layout
 from rig.drivers.scenes.weather import world_rng
-from rig.drivers.scenes.world import RenderedScene
+from rig.drivers.scenes.world import Plan, RenderedScene
 from rig.drivers.scenes.worlds import open_world
 
 PAIR_M = 1.39
+USUAL_MPS = 13.9
+
+
+def passed(plan: Plan, s_m: float) -> float:
+    """Return the time in tenths of a second, pairs, at which a drive passes a place."""
+    timetable = plan.drive.timetable
+    assert timetable is not None
+    return 10.0 * float(np.interp(s_m, timetable.s_m, timetable.time_s))
 
 
 def tunnel(seed: int = 0, split: str = "test", width_px: int = 320) -> RenderedScene:
@@ -38,10 +47,57 @@ def scene() -> RenderedScene:
 
 @pytest.mark.parametrize("split", ["train", "test"])
 def test_every_tunnel_begins_and_ends_in_time(split: str) -> None:
-    for seed in range(300):
+    for seed in range(25):
         layout = draw_layout(world_rng("tunnel", split, seed, "layout"))
-        assert 25 <= layout.entrance_m / PAIR_M <= 35
-        assert layout.exit_m / PAIR_M < 95
+        plan = worlds.WORLDS["tunnel"](seed, split, USUAL_MPS)
+        assert 25 <= passed(plan, layout.entrance_m) <= 35
+        assert passed(plan, layout.exit_m) < 95
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_a_route_lies_on_a_closed_block_and_stands_three_times(split: str) -> None:
+    for seed in range(12):
+        layout = route.draw_layout(world_rng("route", split, seed, "layout"))
+        plan = worlds.WORLDS["route"](seed, split, USUAL_MPS)
+        path = plan.drive.path
+        assert path.at(layout.length_m) == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
+        assert path.heading_rad(layout.length_m) == pytest.approx(2 * np.pi, abs=0.02)
+        tubes = [side for side in layout.sides if np.isfinite(side.entrance_m)]
+        assert [78 <= side.exit_m - side.entrance_m <= 82 for side in tubes] == [True, True]
+        assert passed(plan, layout.sides[2].end_m) / 10 < plan.drive_s
+        assert passed(plan, layout.length_m) / 10 > plan.drive_s
+        still = [stop for stop in layout.stops if stands(plan, passed(plan, stop.s_m) / 10)]
+        assert len(still) == 3
+
+
+def stands(plan: Plan, time_s: float) -> bool:
+    """Return whether the vehicle stands in the two seconds before it leaves a place."""
+    before, after = plan.drive.pose(time_s - 1.5), plan.drive.pose(time_s - 0.5)
+    return np.array_equal(before.centre, after.centre) and np.array_equal(
+        before.rotation, after.rotation
+    )
+
+
+def test_a_route_has_dark_and_bright_places_and_a_road_has_neither() -> None:
+    light = {}
+    for name, every_s in (("route", 3.0), ("road", 1.0)):
+        scene = open_world(
+            name, seed=0, split="test", width_px=64, height_px=48, speed_mps=USUAL_MPS
+        )
+        moments = np.arange(0.5, scene.drive_s, every_s)
+        light[name] = [scene.truth(float(t)).light_cd_m2 for t in moments]
+    assert max(light["route"]) > 20 * min(light["route"])
+    assert max(light["road"]) < 1.5 * min(light["road"])
+
+
+def test_a_slower_drive_sees_the_same_places_later(scene: RenderedScene) -> None:
+    slow = open_world(
+        "tunnel", seed=0, split="test", width_px=64, height_px=48, speed_mps=0.5 * USUAL_MPS
+    )
+    assert slow.drive_s == pytest.approx(2 * scene.drive_s)
+    for time_s in (1.0, 5.0, 10.0):
+        there = slow.pose("primary", 2 * time_s).centre[[0, 2]]
+        assert there == pytest.approx(scene.pose("primary", time_s).centre[[0, 2]], abs=0.5)
 
 
 def test_no_two_worlds_are_alike() -> None:
@@ -101,17 +157,18 @@ def test_truth_agrees_with_the_pose_and_the_picture(scene: RenderedScene) -> Non
 
 
 def test_the_optical_axis_looks_along_the_drive(scene: RenderedScene) -> None:
-    before, after = scene.pose("primary", 5.0), scene.pose("primary", 5.1)
-    ahead = before.rotation @ (after.centre - before.centre)
-    assert ahead[2] > 0.995 * np.linalg.norm(ahead)
-    assert np.linalg.norm(ahead) == pytest.approx(1.39, rel=0.06)
+    for time_s, step_m in ((1.0, PAIR_M), (5.0, 0.55 * PAIR_M)):
+        before, after = scene.pose("primary", time_s), scene.pose("primary", time_s + 0.1)
+        ahead = before.rotation @ (after.centre - before.centre)
+        assert ahead[2] > 0.995 * np.linalg.norm(ahead)
+        assert np.linalg.norm(ahead) == pytest.approx(step_m, rel=0.06)
 
 
 def test_outside_is_far_brighter_than_inside(scene: RenderedScene) -> None:
     street, inside, plaza = (
         float(np.median(scene.view("primary", t).radiance_cd_m2)) for t in (0.5, 5.0, 10.0)
     )
-    assert 50 < inside < 300
+    assert 300 < inside < 600
     assert street > 5 * inside
     assert plaza > 20 * inside
 
@@ -132,7 +189,10 @@ def test_flow_blur_agrees_with_rendering_every_moment(scene: RenderedScene) -> N
     assert np.median(error) < 0.6 * np.median(still)
 
 
-def test_blur_keeps_the_colour_of_the_sky(scene: RenderedScene) -> None:
+def test_blur_keeps_the_colour_of_the_sky() -> None:
+    scene = open_world(
+        "road", seed=0, split="test", width_px=320, height_px=240, speed_mps=USUAL_MPS
+    )
     view = scene.view("primary", 10.5)
     blurred = view.exposed(20_000.0)
     for row, column in ((0, 0), (0, 1), (1, 1)):
@@ -161,7 +221,7 @@ def test_the_wall_is_even_and_stands_still() -> None:
     ("changed", "message"),
     [
         ({"name": "tunel"}, "did you mean tunnel"),
-        ({"name": "moon"}, "known worlds: tunnel, wall"),
+        ({"name": "moon"}, "known worlds: tunnel, route, road, "),
         ({"split": "dev"}, "split must be train or test, got 'dev'"),
         ({"seed": -1}, "seed must be 0 or more, got -1"),
         ({"speed_mps": 0.0}, "speed_mps must be above 0"),
