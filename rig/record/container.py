@@ -10,7 +10,7 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -34,6 +34,7 @@ from mcap.records import (
 
 from rig.core.errors import RecordingDamaged, RecordingError
 from rig.record.codec import Message
+from rig.record.topics import IMAGES
 
 BAG_FILE = "metadata.yaml"
 MAGIC = b"\x89MCAP0\r\n"
@@ -43,9 +44,16 @@ MESSAGE_HEADER = struct.Struct("<HIQQ")
 _PART = re.compile(r"_([1-9]\d*)")
 _FOOTER_BYTES = RECORD_HEADER.size + 20
 _MAX_CHUNK_BYTES = 64 << 20
-_MAX_RECORD_BYTES = 16 << 20
 _MAX_SUMMARY_BYTES = 64 << 20
-_MAX_SUMMARY_RECORDS = 10_000
+_MAX_RECORDS = 100_000
+_MAX_PARSED_BYTES = 1 << 20
+_MAX_SMALL_BYTES = 4 << 20
+"""Of a chunk or an index: records, bytes of those that are parsed one by one, and bytes of the
+messages that hold no picture. A recording stays far below."""
+_MAX_BYTES: dict[int, int] = {
+    Opcode.CHUNK: _MAX_CHUNK_BYTES,
+    Opcode.ATTACHMENT: 16 << 20,
+}
 _CHUNK_INDEX = struct.Struct("<QQQQI")
 _INDEX_ENTRY = struct.Struct("<HQ")
 
@@ -81,7 +89,9 @@ _NEEDED = (
     Opcode.METADATA_INDEX,
     Opcode.ATTACHMENT_INDEX,
 )
-"""Of the index at the end, these are parsed; a long run has thousands of chunk entries."""
+"""Of the index at the end, these are parsed."""
+_MANY = (Opcode.MESSAGE, Opcode.CHUNK_INDEX)
+"""There may be thousands of these, and they are never parsed as the library's dataclasses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +122,11 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where a chunk lies, and by channel where the index of its messages does."""
+    """Where a chunk lies, and by topic where the index of its messages does."""
 
     start: int
     size: int
-    message_indexes: dict[int, int]
+    message_indexes: dict[str, int]
 
 
 @dataclass(slots=True)
@@ -125,27 +135,32 @@ class Summary:
 
     statistics: Statistics
     body: memoryview
-    channels: dict[int, Channel] = field(default_factory=dict)
+    channels: dict[str, int] = field(default_factory=dict)
     metadata: list[MetadataIndex] = field(default_factory=list)
     attachments: list[AttachmentIndex] = field(default_factory=list)
 
     def messages(self, topic: str) -> int:
         """Return how many messages the file claims to hold on `topic`."""
-        counts = self.statistics.channel_message_counts
-        return sum(counts.get(id_, 0) for id_ in self.ids(topic))
+        counts: dict[int, int] = self.statistics.channel_message_counts
+        return counts.get(self.channels[topic], 0) if topic in self.channels else 0
 
-    def ids(self, topic: str) -> list[int]:
-        """Return the channels of a topic."""
-        return [id_ for id_, channel in self.channels.items() if channel.topic == topic]
+    def chunks(self, topics: Iterable[str]) -> Iterator[ChunkPlace]:
+        """Yield where each chunk lies, and the index of its messages on `topics`.
 
-    def chunks(self) -> Iterator[ChunkPlace]:
-        """Yield where each chunk lies; raises ValueError or struct.error for a bad entry."""
+        Raises ValueError or struct.error for a bad entry, KeyError without such a topic.
+        """
+        wanted = {self.channels[topic]: topic for topic in topics}
+        end = 0
         for opcode, _, body in chunk_records(self.body):
             if opcode != Opcode.CHUNK_INDEX:
                 continue
             _, _, start, size, map_bytes = _CHUNK_INDEX.unpack_from(body)
-            entries = body[_CHUNK_INDEX.size : _CHUNK_INDEX.size + map_bytes]
-            yield ChunkPlace(start, size, dict(_INDEX_ENTRY.iter_unpack(entries)))
+            entries = _INDEX_ENTRY.iter_unpack(body[_CHUNK_INDEX.size :][:map_bytes])
+            indexes = {wanted[id_]: at for id_, at in entries if id_ in wanted}
+            if start < end or min(indexes.values(), default=start + size) < start + size:
+                raise ValueError(f"the chunk at byte {start} and its index are not in order")
+            end = max([start + size, *indexes.values()])
+            yield ChunkPlace(start, size, indexes)
 
 
 def find(path: Path) -> Path:
@@ -257,7 +272,7 @@ class Container:
 
     def body(self, extent: Extent) -> bytearray:
         """Return a record without its header, writable and owned by the caller."""
-        limit = _MAX_CHUNK_BYTES if extent.opcode == Opcode.CHUNK else _MAX_RECORD_BYTES
+        limit = _MAX_BYTES.get(extent.opcode, _MAX_PARSED_BYTES)
         size = extent.size - RECORD_HEADER.size
         if size > limit:
             raise ValueError(f"a record of {size} bytes at byte {extent.start} is over {limit}")
@@ -272,8 +287,11 @@ class Container:
             raise ValueError(f"the record at byte {start} is cut")
         return body
 
-    def message_offsets(self, start: int) -> list[int]:
-        """Return the offsets in its chunk of the messages that the index at `start` lists."""
+    def message_offsets(self, chunk: ChunkPlace, topic: str) -> list[int]:
+        """Return the offsets in a chunk of its messages on a topic, as the index behind it says."""
+        start = chunk.message_indexes.get(topic)
+        if start is None:
+            return []
         extent = next(self.extents(start), None)
         if extent is None or extent.opcode != Opcode.MESSAGE_INDEX:
             raise ValueError(f"there is no message index at byte {start}")
@@ -328,21 +346,16 @@ class Container:
 
 
 def _summary(body: memoryview) -> Summary:
-    groups: dict[int, list[Any]] = {}
-    parsed = 0
+    groups: dict[int, list[Any]] = {opcode: [] for opcode in _NEEDED}
     for opcode, _, record in chunk_records(body):
-        if opcode in _NEEDED:
-            parsed += 1
-            if parsed > _MAX_SUMMARY_RECORDS:
-                raise ValueError(f"the index has over {_MAX_SUMMARY_RECORDS} entries")
-            groups.setdefault(opcode, []).append(parse(opcode, record))
+        if opcode in groups:
+            groups[opcode].append(parse(opcode, record))
     (statistics,) = groups[Opcode.STATISTICS]
+    channels = {channel.topic: channel.id for channel in groups[Opcode.CHANNEL]}
+    if len(channels) != len(groups[Opcode.CHANNEL]):
+        raise ValueError("the index has a topic twice")
     return Summary(
-        statistics,
-        body,
-        {channel.id: channel for channel in groups.get(Opcode.CHANNEL, [])},
-        groups.get(Opcode.METADATA_INDEX, []),
-        groups.get(Opcode.ATTACHMENT_INDEX, []),
+        statistics, body, channels, groups[Opcode.METADATA_INDEX], groups[Opcode.ATTACHMENT_INDEX]
     )
 
 
@@ -416,13 +429,21 @@ def _decompressed(data: memoryview, compression: str, limit: int) -> memoryview:
 
 
 def chunk_records(records: memoryview) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield opcode, offset and body of every record in a chunk; raises ValueError at a bad end."""
-    at = 0
+    """Yield opcode, offset and body of every record in a chunk or an index.
+
+    Raises ValueError at a bad end, and for more than a recording can hold.
+    """
+    at = count = parsed_bytes = 0
     while at < len(records):
         opcode, length = RECORD_HEADER.unpack_from(records, at)
         end = at + RECORD_HEADER.size + length
         if end > len(records):
             raise ValueError("a record runs over the end of its chunk")
+        count += 1
+        if opcode not in _MANY:
+            parsed_bytes += length
+        if count > _MAX_RECORDS or parsed_bytes > _MAX_PARSED_BYTES:
+            raise ValueError(f"{count} records with {parsed_bytes} bytes to parse are too many")
         yield opcode, at, records[at + RECORD_HEADER.size : end]
         at = end
 
@@ -434,6 +455,7 @@ def message_key(body: memoryview) -> tuple[int, int]:
 
 
 def _messages(chunk: Chunk, topics: dict[int, str]) -> Iterator[Message]:
+    small_bytes = 0
     for opcode, _, body in chunk_records(chunk.records):
         if opcode == Opcode.CHANNEL:
             channel = parse(opcode, body)
@@ -441,4 +463,8 @@ def _messages(chunk: Chunk, topics: dict[int, str]) -> Iterator[Message]:
         elif opcode == Opcode.MESSAGE:
             id_, sequence, log_time_ns, _ = MESSAGE_HEADER.unpack_from(body)
             data = body[MESSAGE_HEADER.size :]
+            if topics[id_] not in IMAGES:
+                small_bytes += len(data)
+            if small_bytes > _MAX_SMALL_BYTES:
+                raise ValueError(f"a chunk holds over {_MAX_SMALL_BYTES} bytes beside its pictures")
             yield Message(topics[id_], sequence, log_time_ns, data)

@@ -99,9 +99,9 @@ class _File:
     def __init__(self, path: Path) -> None:
         self.container = Container(path)
         summary = self.container.summary()
-        self._chunks = list(summary.chunks())
         wanted = [*map(topics.frame_meta, SIDES), topics.PAIR]
-        self._places = {topic: self._find(summary.ids(topic), self._chunks) for topic in wanted}
+        self._chunks = list(summary.chunks(wanted))
+        self._places = {topic: self._find(topic) for topic in wanted}
         counts = {len(chunk) for chunk, _ in self._places.values()}
         if counts != {summary.messages(topics.PAIR)}:
             raise ValueError("the index does not hold the settings of each frame")
@@ -149,15 +149,13 @@ class _File:
             data = self.container.buffer_at(start, needed)
         return memoryview(data)
 
-    def _find(self, ids: list[int], chunks: list[ChunkPlace]) -> tuple[array[int], array[int]]:
-        """Return chunk number and offset of every message on a channel."""
+    def _find(self, topic: str) -> tuple[array[int], array[int]]:
+        """Return chunk number and offset of every message on a topic."""
         numbers, offsets = array("Q"), array("Q")
-        for number, chunk in enumerate(chunks):
-            for id_ in ids:
-                if id_ in chunk.message_indexes:
-                    found = self.container.message_offsets(chunk.message_indexes[id_])
-                    offsets.extend(found)
-                    numbers.extend([number] * len(found))
+        for number, chunk in enumerate(self._chunks):
+            found = self.container.message_offsets(chunk, topic)
+            offsets.extend(found)
+            numbers.extend([number] * len(found))
         return numbers, offsets
 
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from rig.core.errors import RecordingError
 from rig.core.types import SIDES, Intrinsics, Pair, Side
 from rig.record.hashes import fingerprint
+from rig.record.totals import NAME as TOTALS
 
 SCHEMA = "rig.recording/2"
 RUN, VERSIONS, MODELS = "rig.run", "rig.versions", "rig.models"
@@ -84,8 +85,12 @@ def to_attachments(header: RunHeader) -> dict[str, bytes]:
     return {OPTIONS: options, **calibration}
 
 
-NEEDED = frozenset({*map(_CAMERA.format, SIDES), VERSIONS, MODELS, RUN, OPTIONS})
+_BEGINNING = frozenset({*map(_CAMERA.format, SIDES), VERSIONS, MODELS, RUN})
+NEEDED = _BEGINNING | {OPTIONS}
 """Names of the metadata and attachments without which a file does not say what it is."""
+METADATA = _BEGINNING | {PART, NEXT, RECOVERY, TOTALS}
+ATTACHMENTS = frozenset({OPTIONS, CALIBRATION})
+"""Names of all that the rig puts into a file; others are left unread."""
 
 
 def from_parts(

@@ -14,7 +14,16 @@ from rig.core.types import PairRecord
 from rig.record import codec, topics
 from rig.record.codec import Message
 from rig.record.container import Container, damage, find, parts
-from rig.record.header import NEXT, PART, RECOVERY, RUN, RunHeader, from_parts
+from rig.record.header import (
+    ATTACHMENTS,
+    METADATA,
+    NEXT,
+    PART,
+    RECOVERY,
+    RUN,
+    RunHeader,
+    from_parts,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,10 +134,12 @@ def triggers(messages: Iterable[Message]) -> Iterator[dict[str, Message]]:
 def metadata_of(
     container: Container, indexes: Iterable[MetadataIndex]
 ) -> dict[str, dict[str, str]]:
-    """Return the metadata records that an index tells of, by name."""
-    return {each.name: container.at(each.offset, Opcode.METADATA).metadata for each in indexes}
+    """Return the run's metadata records by name, of those that an index tells of."""
+    found = {each.name: each.offset for each in indexes if each.name in METADATA}
+    return {name: container.at(at, Opcode.METADATA).metadata for name, at in found.items()}
 
 
 def attachments_of(container: Container, indexes: Iterable[AttachmentIndex]) -> dict[str, bytes]:
-    """Return the contents of the attachments that an index tells of, by name."""
-    return {each.name: container.at(each.offset, Opcode.ATTACHMENT).data for each in indexes}
+    """Return the contents of the run's attachments by name, of those that an index tells of."""
+    found = {each.name: each.offset for each in indexes if each.name in ATTACHMENTS}
+    return {name: container.at(at, Opcode.ATTACHMENT).data for name, at in found.items()}

@@ -60,5 +60,8 @@ TOPICS: Mapping[str, MessageType] = {
 }
 """Every topic of a recording, in the order in which the channels are numbered."""
 
+IMAGES = frozenset({*map(image, SIDES), DEPTH})
+"""Topics whose messages are pictures."""
+
 PER_RUN = frozenset(camera_info(side) for side in SIDES)
 """Topics with one message a run, outside of any trigger."""

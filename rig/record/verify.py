@@ -8,8 +8,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.opcode import Opcode
-
 from rig.core.errors import RecordingDamaged
 from rig.core.types import MAX_PAIR_OFFSET_NS, SIDES, Frame, Intrinsics, Lost, PairRecord, Side
 from rig.core.units import NS_PER_S
@@ -18,7 +16,7 @@ from rig.record.codec import Message
 from rig.record.container import Container, Summary, damage
 from rig.record.hashes import seal_holds
 from rig.record.header import PART, RECOVERY, header_hash
-from rig.record.reader import Recording, open_recording, triggers
+from rig.record.reader import Recording, metadata_of, open_recording, triggers
 from rig.record.totals import Totals
 
 _MAX_CLAIMS = 100
@@ -103,12 +101,9 @@ class _Audit:
 
     def begin(self, container: Container) -> None:
         """Check that a later part goes on where the one before ended."""
-        for index in container.summary().metadata:
-            if index.name != PART:
-                continue
-            claimed = container.at(index.offset, Opcode.METADATA).metadata
-            if claimed["chain"] != f"{self.chain:016x}":
-                self.claims.append(f"{container.path.name} does not go on from the part before")
+        metadata = metadata_of(container, container.summary().metadata)
+        if PART in metadata and metadata[PART]["chain"] != f"{self.chain:016x}":
+            self.claims.append(f"{container.path.name} does not go on from the part before")
 
     def end_part(self, summary: Summary) -> None:
         """Check the counts that a file claims for itself."""

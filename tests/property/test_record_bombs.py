@@ -15,20 +15,33 @@ import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, Footer, MetadataIndex, Statistics
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    Footer,
+    MetadataIndex,
+    Statistics,
+)
 from record_samples import record, write
 
 from rig.core.errors import RigError
+from rig.core.types import Settings
+from rig.record import codec, topics
 from rig.record.container import MAGIC, RECORD_HEADER, Container
 from rig.record.frames import Frames
 from rig.record.info import info
 from rig.record.reader import open_recording
 from rig.record.recover import recover
+from rig.record.scan import Scan
 from rig.record.verify import verify
 
 RUNNER = """
 import json, resource, sys, time
 from rig.core.errors import RigError
+from rig.core.types import Settings
+from rig.record import codec, topics
 from rig.record.frames import Frames
 from rig.record.info import info
 from rig.record.reader import open_recording
@@ -67,12 +80,17 @@ def packed(*records: object) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-def rewritten(whole: bytes, path: Path, chunk: bytes) -> bytes:
-    """Return a file with its chunk exchanged and no end: readers and recovery meet the chunk."""
+def rewritten(whole: bytes, path: Path, chunk: bytes, *, with_end: bool = True) -> bytes:
+    """Return a file with its chunk exchanged, so that readers meet it, or recovery at a cut."""
     path.write_bytes(whole)
     with Container(path) as source:
         (extent,) = [each for each in source.extents() if each.opcode == Opcode.CHUNK]
-    return whole[: extent.start] + RECORD_HEADER.pack(Opcode.CHUNK, len(chunk)) + chunk
+        scan = Scan(source)
+        scan.run()
+    index = scan.index
+    index.metadata = [each for each in index.metadata if each.offset < extent.start]
+    data = whole[: extent.start] + RECORD_HEADER.pack(Opcode.CHUNK, len(chunk)) + chunk
+    return data + index.ending(len(data)) if with_end else data
 
 
 def ended(data: bytes, summary: bytes) -> bytes:
@@ -104,8 +122,96 @@ def statistics() -> Statistics:
     return Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
 
 
+def zstd_chunk(records: bytes) -> bytes:
+    """Return an honest chunk, whatever the records are."""
+    size = len(records)
+    return chunk_of(b"zstd", zstandard.ZstdCompressor(level=1).compress(records), size)
+
+
+def messages(size: int, count: int, topic: str) -> bytes:
+    """Return `count` messages of `size` bytes on a topic of their own channel."""
+    told = Channel(id=1, topic=topic, message_encoding="cdr", metadata={}, schema_id=0)
+    each = RECORD_HEADER.pack(Opcode.MESSAGE, 22 + size) + (1).to_bytes(2, "little")
+    return packed(told) + (each + bytes(20 + size)) * count
+
+
+def many_thoughts() -> bytes:
+    """Return a decision with two million things that a controller was thinking."""
+    body = topics.DECISION_TYPE.pack(thoughts(()))[:-4] + (2_000_000).to_bytes(4, "little")
+    body += bytes(24) * 2_000_000
+    told = packed(
+        Channel(id=1, topic="/primary/decision", message_encoding="cdr", metadata={}, schema_id=0)
+    )
+    head = (1).to_bytes(2, "little") + bytes(20)
+    return told + RECORD_HEADER.pack(Opcode.MESSAGE, len(head) + len(body)) + head + body
+
+
+def thoughts(found: tuple[object, ...]) -> dict[str, object]:
+    stamp = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    settings = {"exposure_us": 1.0, "gain_db": 0.0}
+    return {
+        "header": stamp,
+        "trigger": 0,
+        "controller": "",
+        "command": {**codec._command(Settings(1.0, 0.0)), "settings": settings},
+        "latency_ms": 0.0,
+        "diagnostics": list(found),
+    }
+
+
+def wide_metadata() -> bytes:
+    """Return a metadata record of 16 MB with a million small values, as the run's own."""
+    value = (4).to_bytes(4, "little") + b"%04d" + (0).to_bytes(4, "little")
+    values = b"".join(value % (n % 10_000) for n in range(1_300_000))
+    name = b"rig.run"
+    body = len(name).to_bytes(4, "little") + name + len(values).to_bytes(4, "little") + values
+    return RECORD_HEADER.pack(Opcode.METADATA, len(body)) + body
+
+
+def wide_statistics() -> bytes:
+    """Return statistics of five million channels."""
+    counts = b"".join(n.to_bytes(2, "little") + bytes(8) for n in range(1 << 16)) * 80
+    body = bytes(42) + len(counts).to_bytes(4, "little") + counts
+    return RECORD_HEADER.pack(Opcode.STATISTICS, len(body)) + body
+
+
+def same_attachment(data: bytes) -> bytes:
+    """Return a file with one attachment of 15 MB that its index names ten thousand times."""
+    attachment = packed(Attachment(0, 0, "options.json", "", bytes(15 << 20)))
+    entry = packed(AttachmentIndex(len(data), len(attachment), 0, 0, 15 << 20, "options.json", ""))
+    return ended(data + attachment, entry * 10_000 + packed(statistics()))
+
+
+def same_chunk(data: bytes) -> bytes:
+    """Return a file whose index names one message index fifty thousand times."""
+    told = [
+        Channel(id=n, topic=topic, message_encoding="cdr", metadata={}, schema_id=0)
+        for n, topic in enumerate(["/pair", "/primary/frame_meta", "/secondary/frame_meta"])
+    ]
+    start = len(data)
+    index = RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, 6 + 800_000) + (0).to_bytes(2, "little")
+    index += (800_000).to_bytes(4, "little") + bytes(800_000)
+    chunk = packed(
+        ChunkIndex(
+            chunk_length=9,
+            chunk_start_offset=9,
+            compression="",
+            compressed_size=0,
+            message_end_time=0,
+            message_index_length=0,
+            message_index_offsets={0: start, 1: start, 2: start},
+            message_start_time=0,
+            uncompressed_size=0,
+        )
+    )
+    return ended(data + index, packed(*told) + chunk * 50_000 + packed(statistics()))
+
+
 BOMBS: dict[str, Callable[[bytes, Path], bytes]] = {
     "zstd, honest size": lambda w, p: rewritten(w, p, chunk_of(b"zstd", zstd_bomb(), 1 << 30)),
+    "zstd, no end": lambda w, p: rewritten(
+        w, p, chunk_of(b"zstd", zstd_bomb(), 64 << 20), with_end=False
+    ),
     "zstd, small size": lambda w, p: rewritten(w, p, chunk_of(b"zstd", zstd_bomb(), 1_000)),
     "zstd, largest size": lambda w, p: rewritten(w, p, chunk_of(b"zstd", zstd_bomb(), 64 << 20)),
     "lz4, small size": lambda w, p: rewritten(w, p, chunk_of(b"lz4", lz4_bomb(), 1_000)),
@@ -132,6 +238,27 @@ BOMBS: dict[str, Callable[[bytes, Path], bytes]] = {
         * 500_000
         + packed(statistics()),
     ),
+    "seven million empty records in a chunk": lambda w, p: rewritten(
+        w, p, zstd_chunk(RECORD_HEADER.pack(0x81, 0) * (7 << 20))
+    ),
+    "two million empty messages in a chunk": lambda w, p: rewritten(
+        w, p, zstd_chunk(messages(0, 2 << 20, "/primary/camera_info"))
+    ),
+    "sixty thousand small messages in a chunk": lambda w, p: rewritten(
+        w, p, zstd_chunk(messages(900, 60_000, "/primary/camera_info"))
+    ),
+    "a decision with two million thoughts": lambda w, p: rewritten(
+        w, p, zstd_chunk(many_thoughts())
+    ),
+    "channels of sixteen megabytes": lambda w, p: rewritten(
+        w, p, zstd_chunk(wide_metadata().replace(b"\x0c", b"\x04", 1) * 3)
+    ),
+    "metadata with a million values": lambda w, _: ended(
+        w[:8] + wide_metadata(), packed(MetadataIndex(8, 1, "rig.run"), statistics())
+    ),
+    "statistics of five million channels": lambda w, _: ended(w[:400], wide_statistics()),
+    "one attachment, ten thousand times": lambda w, _: same_attachment(w[:400]),
+    "one message index, fifty thousand times": lambda w, _: same_chunk(w[:400]),
     "a million empty records": lambda w, _: w[:400] + RECORD_HEADER.pack(0x81, 0) * 1_000_000,
 }
 

@@ -285,9 +285,8 @@ def bytes_to(file: Path) -> Iterator[int]:
     """Yield for every trigger where the chunk with it ends."""
     with Container(file) as source:
         summary = source.summary()
-        (pair,) = summary.ids(topics.PAIR)
-        for chunk in summary.chunks():
-            for _ in source.message_offsets(chunk.message_indexes[pair]):
+        for chunk in summary.chunks([topics.PAIR]):
+            for _ in source.message_offsets(chunk, topics.PAIR):
                 yield chunk.start + chunk.size
 
 
