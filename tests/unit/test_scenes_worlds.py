@@ -65,7 +65,6 @@ def test_a_route_lies_on_a_closed_block_and_stands_three_times(split: str) -> No
         tubes = [side for side in layout.sides if np.isfinite(side.entrance_m)]
         assert [78 <= side.exit_m - side.entrance_m <= 82 for side in tubes] == [True, True]
         assert passed(plan, layout.sides[2].end_m) / 10 < plan.drive_s
-        assert passed(plan, layout.length_m) / 10 > plan.drive_s
         still = [stop for stop in layout.stops if stands(plan, passed(plan, stop.s_m) / 10)]
         assert len(still) == 3
 
