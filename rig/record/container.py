@@ -147,9 +147,9 @@ class Summary:
     def chunks(self, topics: Iterable[str]) -> Iterator[ChunkPlace]:
         """Yield where each chunk lies, and the index of its messages on `topics`.
 
-        Raises ValueError or struct.error for a bad entry, KeyError without such a topic.
+        Raises ValueError or struct.error for a bad entry.
         """
-        wanted = {self.channels[topic]: topic for topic in topics}
+        wanted = {self.channels[topic]: topic for topic in topics if topic in self.channels}
         end = 0
         for opcode, _, body in chunk_records(self.body):
             if opcode != Opcode.CHUNK_INDEX:

@@ -69,7 +69,7 @@ def edit_messages(file: Path, edit: Edit) -> None:
     """Change message bodies in place and make every chunk's checksum right again."""
     data = bytearray(file.read_bytes())
     with Container(file) as container:
-        channels = container.summary().channels
+        names = {id_: topic for topic, id_ in container.summary().channels.items()}
         extents = [e for e in container.extents() if e.opcode == Opcode.CHUNK]
     where: dict[tuple[str, int], slice] = {}
     head = RECORD_HEADER.size
@@ -82,7 +82,7 @@ def edit_messages(file: Path, edit: Edit) -> None:
                 id_, sequence = struct.unpack_from("<HI", message)
                 first = start + offset + head + 22
                 place = slice(first, first + len(message) - 22)
-                where[channels[id_].topic, sequence] = place
+                where[names[id_], sequence] = place
     edit(where, data)
     for extent in extents:
         chunk = data[extent.start + head : extent.end]
