@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -119,13 +120,22 @@ def _remake(result: TrainingResult) -> str:
 
 
 def _collect_options(source: RecordingSource) -> str:
-    options = {
-        "cameras": source.cameras,
-        "seed": str(source.seed),
-        "frames": str(source.triggers),
-        "leader": source.leader,
-        "perturb": source.options.get("perturb", "none"),
-    }
+    options = {"cameras": source.cameras, "seed": str(source.seed)}
+    if "sweep" in source.options:
+        exposures = int(source.options["sweep"])
+        options |= {
+            "cameras": re.sub(r"&stand=[^&]*|(?<=\?)stand=[^&]*&", "", source.cameras),
+            "sweep": str(exposures),
+            "gains": source.options["gains"],
+            "poses": str(source.triggers // (exposures // 2)),
+            "step-m": source.options["step_m"],
+        }
+    else:
+        options |= {
+            "frames": str(source.triggers),
+            "leader": source.leader,
+            "perturb": source.options.get("perturb", "none"),
+        }
     return " ".join(f"--{name} {shlex.quote(value)}" for name, value in options.items())
 
 
