@@ -50,18 +50,28 @@ def residual_plot(fit: RigFit) -> str:
 
 
 def histogram_plot(pictures: Pair[Column], title: str) -> str:
-    """Return the histograms of both cameras over 0..255 as two lines; each column sums to 1."""
-    top = 1.1 * max(float(column.max()) for column in pictures)
+    """Return the histograms of both cameras over 0..255; each column sums to 1."""
+    return _two_lines(pictures, title, "grey value 0 to 255", "share")
+
+
+def response_plot(curves: Pair[Column]) -> str:
+    """Return the response curves of both cameras, grey values at even steps of light."""
+    return _two_lines(curves, "Response", "light, dark to saturation", "grey value")
+
+
+def _two_lines(columns: Pair[Column], title: str, x: str, y: str) -> str:
+    top = 1.1 * max(float(column.max()) for column in columns)
     wide, high = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
     lines = []
-    for column, colour in zip(pictures, (_PRIMARY, _SECONDARY), strict=True):
+    for column, colour in zip(columns, (_PRIMARY, _SECONDARY), strict=True):
         points = " ".join(
-            f"{_LEFT + wide * dn / 255:.1f},{_TOP + high * (1 - float(share) / top):.1f}"
-            for dn, share in enumerate(column)
+            f"{_LEFT + wide * place / (len(column) - 1):.1f},"
+            f"{_TOP + high * (1 - float(value) / top):.1f}"
+            for place, value in enumerate(column)
         )
         lines.append(f'<polyline points="{points}" fill="none" stroke="{colour}"/>')
     legend = (("primary", _PRIMARY), ("secondary", _SECONDARY))
-    return _page(title, "grey value 0 to 255", "share", top, "".join(lines), legend)
+    return _page(title, x, y, top, "".join(lines), legend)
 
 
 def _bar(x: float, width: float, share: float, colour: str, told: str) -> str:

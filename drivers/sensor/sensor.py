@@ -65,14 +65,8 @@ class Sensor:
 
     @property
     def electrons_per_cd_m2_s(self) -> float:
-        """Return the mean photo-electrons per second of a pixel that looks at 1 cd/m2.
-
-        The illuminance behind a lens is pi/4 * transmission / f_number^2 times the luminance.
-        """
-        lens, pixel = self._model.lens, self._model.pixel
-        illuminance_lx = math.pi / 4 * lens.transmission / lens.f_number**2
-        photons = illuminance_lx * pixel.photons_per_lx_um2_s * self._model.picture.pixel_um**2
-        return photons * pixel.quantum_efficiency
+        """Return the mean photo-electrons per second of a pixel that looks at 1 cd/m2."""
+        return electrons_per_cd_m2_s(self._model)
 
     def develop(
         self, radiance_cd_m2: NDArray[np.float32], settings: Settings, noise_seed: int
@@ -121,17 +115,31 @@ class Sensor:
         return picture
 
 
+def electrons_per_cd_m2_s(model: CameraModel) -> float:
+    """Return the mean photo-electrons per second of a pixel that looks at 1 cd/m2.
+
+    The illuminance behind a lens is pi/4 * transmission / f_number^2 times the luminance.
+    """
+    lens, pixel = model.lens, model.pixel
+    illuminance_lx = math.pi / 4 * lens.transmission / lens.f_number**2
+    photons = illuminance_lx * pixel.photons_per_lx_um2_s * model.picture.pixel_um**2
+    return photons * pixel.quantum_efficiency
+
+
+def response_curve(response: Response, light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the grey value 0..1 of each `light` 0..1."""
+    if isinstance(response, LinearResponse):
+        return light
+    if isinstance(response, GammaResponse):
+        return np.asarray(light ** (1 / response.gamma), np.float64)
+    if isinstance(response, SrgbResponse):
+        return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.interp(light, np.linspace(0.0, 1.0, len(response.table)), response.table)
+
+
 def response_table(response: Response, levels: int) -> NDArray[np.uint8]:
     """Return the 8-bit value of each of the `levels` that the converter can give."""
-    light = np.linspace(0.0, 1.0, levels)
-    if isinstance(response, LinearResponse):
-        curve = light
-    elif isinstance(response, GammaResponse):
-        curve = light ** (1 / response.gamma)
-    elif isinstance(response, SrgbResponse):
-        curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    else:
-        curve = np.interp(light, np.linspace(0.0, 1.0, len(response.table)), response.table)
+    curve = response_curve(response, np.linspace(0.0, 1.0, levels))
     return np.rint(255 * curve).astype(np.uint8)
 
 

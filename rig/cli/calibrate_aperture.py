@@ -18,7 +18,14 @@ from rig.calibration.aperture.linearity import LINEARITY_STOPS
 from rig.calibration.aperture.reading import TOLERANCE_STOPS
 from rig.calibration.files import SCHEMA, today
 from rig.cli.aperture_display import KEYS, page_state, show
-from rig.cli.calibration import DEFAULT_CALIBRATION, CalibrationOptions, store, tell
+from rig.cli.calibration import (
+    DEFAULT_CALIBRATION,
+    DEFAULT_KNOWN,
+    CalibrationOptions,
+    KnownOptions,
+    store,
+    tell,
+)
 from rig.cli.drive import announce
 from rig.cli.interrupt import stop_on_signal
 from rig.cli.keyboard import keyboard
@@ -53,6 +60,7 @@ def calibrate_aperture(
     tolerance_stops: float = TOLERANCE_STOPS,
     hold_s: float = 2.0,
     options: CalibrationOptions = DEFAULT_CALIBRATION,
+    known: KnownOptions = DEFAULT_KNOWN,
     web: WebOptions = DEFAULT_WEB,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
@@ -88,7 +96,7 @@ def calibrate_aperture(
         raise CalibrationError(not_locked(guide, triggers))
     make_folder(folder)
     (folder / PLOT).write_text(result.plot, encoding="utf-8")
-    file = store(folder, as_calibration(result, serials, options.lens), options)
+    file = store(folder, as_calibration(result, serials, known.lens), known)
     return tell(terminal, words(result), file, abs(result.linear.ratio_stops), tolerance_stops,
                 result.passed, named(result))  # fmt: skip
 

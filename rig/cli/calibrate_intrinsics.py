@@ -13,7 +13,14 @@ from rig.calibration.intrinsics import RigFit, fit_rig
 from rig.calibration.pairs import GreyPair, count_in_folder, of_folder, of_recording
 from rig.calibration.plots import residual_plot
 from rig.calibration.views import ViewCollection
-from rig.cli.calibration import DEFAULT_CALIBRATION, CalibrationOptions, store, tell
+from rig.cli.calibration import (
+    DEFAULT_CALIBRATION,
+    DEFAULT_KNOWN,
+    CalibrationOptions,
+    KnownOptions,
+    store,
+    tell,
+)
 from rig.cli.drive import announce
 from rig.cli.interrupt import stop_on_signal
 from rig.cli.options import chosen_cameras, make_folder, run_folder
@@ -38,6 +45,7 @@ def calibrate_intrinsics(
     square_mm: float = 30.0,
     tolerance_px: float = 0.5,
     options: CalibrationOptions = DEFAULT_CALIBRATION,
+    known: KnownOptions = DEFAULT_KNOWN,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Measure focal lengths, distortion and the baseline of both cameras from views of a board.
@@ -65,7 +73,7 @@ def calibrate_intrinsics(
         serials, collection = look_back(pictures, wanted, terminal)
     fit = fit_rig(collection)
     make_folder(folder)
-    file = store(folder, of_fit(fit, serials, options.lens, today()), options)
+    file = store(folder, of_fit(fit, serials, known.lens, today()), known)
     write_exports(folder, fit)
     passed = fit.residual_px <= tolerance_px and fit.sync.passed
     return tell(

@@ -20,7 +20,7 @@ CALIBRATION = "calibration.toml"
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class CalibrationOptions:
-    """Which cameras to calibrate, what is already known of them, and where to write."""
+    """Which cameras to calibrate, for how long, and where to write."""
 
     cameras: str | None = None
     """Address of the camera pair; a simulated one when absent."""
@@ -30,24 +30,34 @@ class CalibrationOptions:
     """Seeds the simulated world and its noise."""
     out: Path | None = None
     """Folder to make; runs/<time>-<command> when absent."""
+
+
+DEFAULT_CALIBRATION = CalibrationOptions()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True)
+class KnownOptions:
+    """What is already known of the cameras."""
+
     calibration: Path | None = None
     """An earlier calibration.toml of these cameras, to be completed."""
     lens: str = ""
     """Name of the lens, such as HF6XA-5M; kept in the file and compared later."""
 
 
-DEFAULT_CALIBRATION = CalibrationOptions()
+DEFAULT_KNOWN = KnownOptions()
 
 
-def earlier(options: CalibrationOptions) -> Calibration | None:
+def earlier(known: KnownOptions) -> Calibration | None:
     """Return the calibration that is to be completed; raises ConfigError for a bad file."""
-    return None if options.calibration is None else load_calibration(options.calibration)
+    return None if known.calibration is None else load_calibration(known.calibration)
 
 
-def store(folder: Path, found: Calibration, options: CalibrationOptions) -> Path:
+def store(folder: Path, found: Calibration, known: KnownOptions) -> Path:
     """Write `found`, joined with what was known before, into `folder`; return the file."""
     path = folder / CALIBRATION
-    write_calibration(path, joined(found, earlier(options)))
+    write_calibration(path, joined(found, earlier(known)))
     return path
 
 

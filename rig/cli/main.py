@@ -69,6 +69,10 @@ COMMANDS = {
         "Write pictures of a simulated world and a contact sheet over exposure and gain.",
         "rig simulate doorway --exposure-us 100,1000,10000 --gain-db 0,15,30 --pair 0,60",
     ),
+    "calibrate-response": Told(
+        "Measure response curve and noise, and write a camera model for the simulation.",
+        "rig calibrate-response --cameras sim:wall --out twin",
+    ),
     "serve": Told(
         "Serve a simulated pair as two GigE Vision cameras for any GenICam client.",
         "rig serve 'sim:tunnel?size=320x240'",
