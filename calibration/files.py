@@ -19,8 +19,10 @@ SCHEMA: Final = "rig.calibration/1"
 OLD_DAYS = 180
 """After this many days screws and rings have had time to move: a warning, not an error."""
 
+PARTS: Final = ("primary", "secondary", "stereo", "aperture")
+"""What a calibration can hold."""
+
 _FOCAL_SHARE = 0.15
-_PARTS = ("primary", "secondary", "stereo", "aperture")
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
@@ -63,7 +65,7 @@ def joined(new: Calibration, old: Calibration | None) -> Calibration:
             f"the earlier calibration is of lens {old.lens!r}, not {new.lens!r}; "
             "start a new file: name none with --calibration"
         )
-    kept = {part: getattr(old, part) for part in _PARTS if getattr(new, part) is None}
+    kept = {part: getattr(old, part) for part in PARTS if getattr(new, part) is None}
     return msgspec.structs.replace(new, lens=new.lens or old.lens, **kept)
 
 

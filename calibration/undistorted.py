@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from rig.calibration.files import check_calibration
-from rig.config import LensCalibration, parse_calibration
+from rig.config import Calibration, LensCalibration, parse_calibration
 from rig.core.errors import CalibrationError
-from rig.core.types import Frame, Intrinsics, Lost, Pair, PairRecord
+from rig.core.types import SIDES, Frame, Intrinsics, Lost, Pair, PairRecord
 from rig.record.header import RunHeader
 from rig.vision.bayer import to_grey
 from rig.vision.undistort import Undistorter, scaled
@@ -47,38 +47,50 @@ class Undistorted:
             yield dataclasses.replace(record, shot=shot)
 
 
-def undistorted(
-    recording: Recorded, file: str, taken: datetime.date
-) -> tuple[Undistorted, list[str]]:
-    """Return the recording undistorted by its own calibration, and warnings about that.
+def attached_calibration(
+    header: RunHeader, file: str, taken: datetime.date
+) -> tuple[Calibration | None, list[str]]:
+    """Return the calibration that a recording carries, None without one, and warnings about it.
+
+    Raises ConfigError when it is none, CalibrationError when it is not of these cameras and
+    lenses, or later than `taken`, the day of the recording.
+    """
+    if not header.calibration:
+        return None, []
+    found = parse_calibration(header.calibration.encode(), f"{file}: calibration.toml")
+    return found, check_calibration(found, header.serials, header.intrinsics, taken, file)
+
+
+def undistorted(recording: Recorded, file: str, taken: datetime.date) -> Undistorted:
+    """Return the recording undistorted by its own calibration.
 
     Without a calibration the distortion that the recording states does it, which simulated
     cameras know of themselves. Raises CalibrationError when there is neither, the calibration has
     no intrinsics, or it is not of these cameras; `taken` is the day of the recording.
     """
     header = recording.header
-    if not header.calibration and all(any(lens.distortion) for lens in header.intrinsics):
-        return _flattened(
-            recording, Pair(*(Undistorter(lens, lens.distortion) for lens in header.intrinsics))
-        ), []
-    if not header.calibration:
-        raise CalibrationError(
-            f"{file}: no calibration is attached, so nothing can be undistorted; record with "
-            "--calibration FILE, or judge without --undistort"
-        )
-    found = parse_calibration(header.calibration.encode(), f"{file}: calibration.toml")
-    warnings = check_calibration(found, header.serials, header.intrinsics, taken, file)
+    found, _ = attached_calibration(header, file, taken)
+    if found is not None:
+        return _flattened(recording, _calibrated(found, header.intrinsics, file))
+    if all(any(lens.distortion) for lens in header.intrinsics):
+        stated = Pair(*(Undistorter(lens, lens.distortion) for lens in header.intrinsics))
+        return _flattened(recording, stated)
+    raise CalibrationError(
+        f"{file}: no calibration is attached, so nothing can be undistorted; record with "
+        "--calibration FILE, or judge without --undistort"
+    )
+
+
+def _calibrated(found: Calibration, stated: Pair[Intrinsics], file: str) -> Pair[Undistorter]:
     lenses = []
-    for side, lens, stated in zip(
-        ("primary", "secondary"), (found.primary, found.secondary), header.intrinsics, strict=True
-    ):
+    for side, lens, of_source in zip(SIDES, (found.primary, found.secondary), stated, strict=True):
         if lens is None:
             raise CalibrationError(
                 f"{file}: the calibration has no intrinsics of the {side} camera; "
                 "run rig calibrate-intrinsics first"
             )
-        lenses.append(Undistorter(_intrinsics(lens, stated), lens.distortion))
-    return _flattened(recording, Pair(*lenses)), warnings
+        lenses.append(Undistorter(_intrinsics(lens, of_source), lens.distortion))
+    return Pair(*lenses)
 
 
 def _flattened(recording: Recorded, lenses: Pair[Undistorter]) -> Undistorted:

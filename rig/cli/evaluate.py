@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from cyclopts import Parameter
 
 from rig.bulk import Workers, run_tasks
+from rig.cli.attach import check_attached
 from rig.cli.exits import OK
 from rig.cli.judge import figure, judge, table
 from rig.cli.options import make_folder
@@ -20,10 +23,11 @@ from rig.evaluation.differences import differences
 from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures
-from rig.evaluation.summary import RACE_SIDES, Summary, summarise
+from rig.evaluation.summary import RACE_SIDES, Summary
 from rig.record.reader import open_recording
 
 FRONT_END_TITLES = {"orb": "ORB", "viso2": "viso2-style"}
+SILENT = Terminal(quiet=True)
 RECORDING_SUFFIXES = {".mcap", ".yaml"}
 
 
@@ -31,6 +35,7 @@ def evaluate(
     *recordings: Path,
     front_end: str = "orb,viso2",
     step: int = 1,
+    undistort: Annotated[bool, Parameter(negative="")] = False,
     trajectories: Path | None = None,
     workers: int | None = None,
     dask: str = "",
@@ -52,6 +57,8 @@ def evaluate(
         and pitch_deg (negative looks down).
     step:
         Take every n-th picture of a video or a folder.
+    undistort:
+        Take the lens distortion out first, by the calibration that each recording carries.
     trajectories:
         Folder to make, for the ways that viso2 told and the true ones, as TUM files.
     workers:
@@ -70,7 +77,12 @@ def evaluate(
         make_folder(trajectories)
     runs = [path for path in recordings if is_recording(path)]
     films = [path for path in recordings if not is_recording(path)]
-    judged = judge_runs(runs, front_end, Workers(workers, dask), terminal)
+    if undistort and films:
+        raise UsageError(f"--undistort: {films[0]} carries no calibration; leave it out")
+    for path in runs:
+        check_attached(open_recording(path), terminal)
+    how = How(front_end, undistort)
+    judged = judge_runs(runs, how, Workers(workers, dask), terminal)
     if trajectories is not None:
         for path, summary in zip(runs, judged, strict=True):
             write_ways(trajectories, path, summary)
@@ -86,25 +98,31 @@ def together(judged: Sequence[Summary]) -> dict[str, Any]:
     return {**aggregate(runs), "differences": differences(judged)}
 
 
-def judge_runs(
-    runs: list[Path], front_end: str, workers: Workers, terminal: Terminal
-) -> list[Summary]:
+@dataclass(frozen=True, slots=True)
+class How:
+    """How recordings are judged."""
+
+    front_end: str
+    undistort: bool
+
+
+def judge_runs(runs: list[Path], how: How, workers: Workers, terminal: Terminal) -> list[Summary]:
     """Judge recordings side by side, in their order; a single one shows its triggers go by."""
     if len(runs) < 2 and not workers.dask:
-        front_ends = parse_front_ends(front_end)
-        return [judge(open_recording(path), terminal, front_ends) for path in runs]
+        return [judge_run(how, path, terminal) for path in runs]
     tasks = {f"{number}: {path}": path for number, path in enumerate(runs, start=1)}
     found: dict[str, Summary] = {}
     with terminal.progress("judging recordings", len(tasks)) as advance:
-        for name, summary in run_tasks(partial(judge_run, front_end), tasks, workers):
+        for name, summary in run_tasks(partial(judge_run, how), tasks, workers):
             found[name] = summary
             advance(len(found))
     return [found[name] for name in tasks]
 
 
-def judge_run(front_end: str, path: Path) -> Summary:
+def judge_run(how: How, path: Path, terminal: Terminal = SILENT) -> Summary:
     """Judge one recording, in whatever process."""
-    return summarise(open_recording(path), parse_front_ends(front_end))
+    front_ends = parse_front_ends(how.front_end)
+    return judge(open_recording(path), terminal, front_ends, undistort=how.undistort)
 
 
 def write_ways(folder: Path, run: Path, summary: Summary) -> None:

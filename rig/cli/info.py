@@ -28,9 +28,20 @@ def info(
     thumbnails:
         Picture to write, a .png: pairs from the beginning to the end, the primary above.
     """
+    from rig.calibration.files import PARTS
+    from rig.cli.attach import calibration_of
     from rig.record.info import info as look_at
+    from rig.record.reader import open_recording
 
     values = look_at(recording).as_dict()
+    found, warnings = calibration_of(open_recording(recording))
+    if found is not None or warnings:
+        values["calibration"] = {
+            "date": str(found.date) if found else "",
+            "lens": found.lens if found else "",
+            "parts": [part for part in PARTS if found and getattr(found, part) is not None],
+            "warnings": warnings,
+        }
     if thumbnails is not None:
         from rig.experiments.thumbnails import write_sheet
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.calibration.undistorted import undistorted
+from rig.cli.attach import taken_on
 from rig.cli.terminal import Advance, Terminal
 from rig.core.types import PairRecord
 from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
@@ -39,10 +41,23 @@ class Watched:
             yield record
 
 
-def judge(recording: Recording, terminal: Terminal, front_ends: FrontEnds = FRONT_ENDS) -> Summary:
-    """Return what a recording came to, showing progress over its triggers."""
+def judge(
+    recording: Recording,
+    terminal: Terminal,
+    front_ends: FrontEnds = FRONT_ENDS,
+    *,
+    undistort: bool = False,
+) -> Summary:
+    """Return what a recording came to, showing progress over its triggers.
+
+    Raises CalibrationError when it is to be undistorted and carries no calibration for that.
+    """
     with terminal.progress("judging", len(recording)) as advance:
-        return summarise(Watched(recording, advance), front_ends)
+        watched = Watched(recording, advance)
+        if not undistort:
+            return summarise(watched, front_ends)
+        flat = undistorted(watched, str(recording.path), taken_on(recording))
+        return summarise(flat, front_ends)
 
 
 def publish(folder: Path, terminal: Terminal, *, pictures: bool = True) -> Summary:

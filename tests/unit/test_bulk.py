@@ -14,7 +14,7 @@ import pytest
 from synthetic_run import SyntheticRun
 
 from rig.bulk import ALONE, BulkError, Workers, run_tasks
-from rig.cli.evaluate import judge_run
+from rig.cli.evaluate import How, judge_run
 from rig.core.errors import RecordingError, RigError, UsageError
 from rig.models.targets import make_targets
 from rig.record.writer import RecordWriter
@@ -153,7 +153,7 @@ def test_a_cluster_of_two_gives_the_same_and_names_what_fails(
     for name in here.poses.__slots__:
         assert np.array_equal(getattr(here.poses, name), getattr(there.poses, name)), name
     tasks = {str(path): path for path in recordings}
-    work = partial(judge_run, "orb")
+    work = partial(judge_run, How("orb", undistort=False))
     judged = dict(run_tasks(work, tasks, cluster))
     for name, summary in run_tasks(work, tasks, ALONE):
         assert judged[name].as_json() == summary.as_json()

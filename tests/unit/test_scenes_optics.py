@@ -156,8 +156,7 @@ def test_a_recording_keeps_the_distortion_and_can_be_undistorted_by_it() -> None
         def records(self):  # type: ignore[no-untyped-def]
             yield from records
 
-    flat, warnings = undistorted(Recording(), "run", datetime.date(2026, 1, 1))
-    assert not warnings
+    flat = undistorted(Recording(), "run", datetime.date(2026, 1, 1))
     assert flat.header.intrinsics.primary.distortion == (0.0,) * 5
     (found,) = flat.records()
     assert isinstance(found, PairRecord)
