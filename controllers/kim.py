@@ -14,6 +14,7 @@ import numpy as np
 from rig.controllers.arrival import Arrival
 from rig.controllers.gaussian import Points, maxmi, posterior, squared_distances
 from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
+from rig.core.units import gain_factor
 from rig.vision.bayer import to_grey
 from rig.vision.metrics import kim
 
@@ -25,14 +26,16 @@ GRID = (39, 13)
 class KimController:
     """Maximises the entropy-weighted gradient by Gaussian-process search.
 
-    `alpha` weighs exploration; `length` is the kernel's, in grid steps; `noise` the deviation of
-    an observation, where that of all observations is 1. `keep` is the relative change of the metric
+    `alpha` weighs exploration; `length` is the kernel's, in grid steps, `ridge` times as long along
+    equal brightness; `noise` is the deviation of an observation, where that of all observations is
+    1. `keep` is the relative change of the metric
     that starts a new search. Raises ValueError for an option out of range.
     """
 
-    evaluations_max: int = 20
+    evaluations_max: int = 15
     alpha: float = 10.0
-    length: float = 3.0
+    length: float = 2.5
+    ridge: float = 3.0
     noise: float = 0.05
     keep: float = 0.2
     gain_db_max: float = 12.0
@@ -53,7 +56,7 @@ class KimController:
     def __post_init__(self) -> None:
         if self.evaluations_max < 2:
             raise ValueError(f"evaluations_max must be >= 2, got {self.evaluations_max!r}")
-        for name in ("alpha", "length", "noise", "keep"):
+        for name in ("alpha", "length", "ridge", "noise", "keep"):
             value = getattr(self, name)
             if not 0 < value < np.inf:
                 raise ValueError(f"{name} must be > 0, got {value!r}")
@@ -112,7 +115,8 @@ class KimController:
         spread = float(values.std())
         standard = (values - values.mean()) / (spread if spread > 0 else 1.0)
         grid = _grid()
-        belief = posterior(np.array(self._points), standard, grid, self.length, self.noise)
+        points, candidates = self._shortened(np.array(self._points)), self._shortened(grid)
+        belief = posterior(points, standard, candidates, self.length, self.noise)
         if len(values) >= self.evaluations_max:
             choice, self._phase = int(np.argmax(belief.mean)), "settle"
         else:
@@ -123,6 +127,17 @@ class KimController:
         self._deviation = float(np.sqrt(belief.variance.max()))
         self._command = self._settings(grid[choice])
         return self._command
+
+    def _shortened(self, points: Points) -> Points:
+        """Return places with their distances along equal brightness divided by `ridge`.
+
+        Settings as bright as each other give nearly the same picture: one tells of the other.
+        """
+        (shortest_us, longest_us), (lowest_db, highest_db) = self._ranges()
+        exposure_step = np.log(longest_us / shortest_us) / (GRID[0] - 1)
+        gain_step = np.log(gain_factor(highest_db - lowest_db)) / (GRID[1] - 1)
+        ridge = np.array([gain_step, -exposure_step]) / (np.hypot(gain_step, exposure_step) or 1.0)
+        return points - (1 - 1 / self.ridge) * np.outer(points @ ridge, ridge)
 
     def _looked_at(self, grid: Points) -> list[int]:
         """Return the places of the grid nearest to those looked at: nothing is looked at twice."""

@@ -22,16 +22,22 @@ class Evaluation:
 Search = Generator[Point, Evaluation, Evaluation]
 
 
-def nelder_mead(simplex: Iterable[Point], *, point_spread: float, cost_spread: float) -> Search:
+def nelder_mead(
+    simplex: Iterable[Point],
+    *,
+    point_spread: float,
+    cost_spread: float,
+    known: Iterable[Evaluation] = (),
+) -> Search:
     """Ask for points until the simplex is small; return its best corner.
 
-    `simplex` is N + 1 corners of N coordinates. The search ends when no corner is farther than
-    `point_spread` from the best in any coordinate and none costs more than `cost_spread` above
-    it. Coefficients 1, 2, 0.5 and 0.5 (Nelder and Mead 1965); on an objective that does not
-    change, the points are those of `scipy.optimize.minimize`. An Evaluation may lie beside the
-    point asked for: the simplex moves to where the objective was really evaluated.
+    `simplex` and what is already `known` are N + 1 corners of N coordinates. The search ends when
+    no corner is farther than `point_spread` from the best in any coordinate and none costs more
+    than `cost_spread` above it. Coefficients 1, 2, 0.5 and 0.5 (Nelder and Mead 1965); on an
+    objective that does not change, the points are those of `scipy.optimize.minimize`. An Evaluation
+    may lie beside the point asked for: the simplex moves to where it was really evaluated.
     """
-    corners: list[Evaluation] = []
+    corners = list(known)
     for point in simplex:
         corners.append((yield point))
     while True:

@@ -27,7 +27,7 @@ DEGREE = 5
 GAMMA_STEP = 0.01
 DEAD_BAND = 0.025
 """A best gamma this near to 1 is left alone: the polynomial knows it no better."""
-TILES_ACROSS = 44
+TILES_ACROSS = 22
 
 
 @dataclass(slots=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rig.controllers.arrival import Arrival
 from rig.controllers.search import Evaluation, Point, Search, nelder_mead
+from rig.controllers.split import brightness_us
 from rig.core.autoexposure import AutoExposure
 from rig.core.types import (
     Auto,
@@ -27,6 +28,7 @@ from rig.core.types import (
     PixelFormat,
     Settings,
 )
+from rig.core.units import gain_db, gain_factor
 from rig.vision.metrics import SHIN_VARIANTS, ShinScore, mean_dn, sample, shin_at
 
 TOLERANCES: Mapping[str, float] = {"low": 0.02, "mid": 0.05, "high": 0.15}
@@ -42,12 +44,12 @@ EXPOSURE_STEP_MIN = 0.1
 
 MIDDLE_DN = 128.0
 NEPERS_PER_DB = math.log(10) / 20
-POINT_SPREAD = 0.05
-"""A simplex within 5 % in exposure and 0.43 dB in gain is small: noise decides the rest."""
+FIRST_SPREAD, LAST_SPREAD = 0.2, 0.1
+"""A simplex this small in the logarithms of exposure and gain is done: noise decides the rest."""
 
-RIDGE_STEP = 4.0
-BESIDE_STEP = 1.2
-"""A further round trades a factor of 4 between exposure and gain, and looks 20 % beside."""
+RIDGE_LOOKS, RIDGE_DARKER = 6, 0.75
+RIDGE_STEP, BESIDE_STEP = 1.6, 1.2
+"""The second simplex: a factor traded between exposure and gain, and one of brightness."""
 
 ROUNDING = 1e-9
 """What a logarithm and its inverse may add."""
@@ -61,8 +63,8 @@ class ShinController:
 
     `tolerance` is low, mid, high or a number > 0; `variant` a key of SHIN_VARIANTS. With `rounds` 1
     a search ends as the authors' does, when the metrics of its simplex differ by at most
-    `cost_spread`, or after `evaluations_max`; with more, when its simplex is small, and then goes
-    on along equal brightness.
+    `cost_spread`, or after `evaluations_max`; with more, when its simplex is small, and then looks
+    along equal brightness and goes on from the best place there, while that is better.
     A frame without gradients has no metric: until one has, the mean is steered to mid-grey.
     Raises ValueError for an option out of range.
     """
@@ -71,7 +73,7 @@ class ShinController:
     variant: str = "authors"
     cost_spread: float = 1e-5
     evaluations_max: int = 50
-    rounds: int = 3
+    rounds: int = 2
     _tolerance: float = field(init=False)
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)
@@ -81,8 +83,6 @@ class ShinController:
     _best: Evaluation | None = field(init=False, default=None, repr=False)
     _evaluations: int = field(init=False, default=0)
     _searches: int = field(init=False, default=0)
-    _round: int = field(init=False, default=0)
-    _round_cost: float = field(init=False, default=math.inf)
     _flat_frames: int = field(init=False, default=0)
     _arrival: Arrival = field(init=False, default_factory=Arrival)
 
@@ -149,62 +149,60 @@ class ShinController:
     def _start_search(self, frame: Frame, score: ShinScore) -> Command:
         """Begin around the frame's settings, which are the first evaluation."""
         corners = initial_simplex(frame.used, mean_dn(frame.image), self._limits)
-        simplex = [_point(Settings(*corner)) for corner in corners]
-        search = self._nelder_mead(simplex)
-        self._search, self._best = search, None
-        self._evaluations, self._searches = 0, self._searches + 1
-        self._round, self._round_cost = 1, math.inf
-        return self._evaluate(search, Evaluation(simplex[0], -score.score), frame.used)
+        first, *others = [_point(Settings(*corner)) for corner in corners]
+        self._best = Evaluation(first, -score.score)
+        self._rest = frame.used.clamp(self._limits)
+        self._evaluations, self._searches = 1, self._searches + 1
+        self._search = self._all_rounds(self._best, others)
+        return self._ask(self._search, next(self._search))
 
     def _continue_search(self, search: Search, used: Settings, score: ShinScore) -> Command:
         """Stamp the metric with the settings that were really used, once they have arrived."""
         if not self._arrival.due(used, self._command):
             return self._command
-        cost = UNUSABLE_COST if score.flat else -score.score
-        return self._evaluate(search, Evaluation(_point(used), cost), used)
+        evaluation = Evaluation(_point(used), UNUSABLE_COST if score.flat else -score.score)
+        if self._best is None or evaluation.cost < self._best.cost:
+            self._best, self._rest = evaluation, used.clamp(self._limits)
+        return self._answer(search, evaluation)
 
-    def _nelder_mead(self, simplex: list[Point]) -> Search:
-        """Return a search that has asked for its first corner."""
-        spread = self.cost_spread if self.rounds == 1 else math.inf
-        reach = math.inf if self.rounds == 1 else POINT_SPREAD
-        search = nelder_mead(simplex, point_spread=reach, cost_spread=spread)
-        next(search)
-        return search
-
-    def _next_round(self, best: Evaluation) -> Search | None:
-        """Return a search from the best along equal brightness, while that still finds better.
+    def _all_rounds(self, first: Evaluation, others: list[Point]) -> Search:
+        """Search as the authors do; then along equal brightness while that finds better.
 
         The metric has a narrow ridge there, on which noise makes a simplex shrink too early.
         """
-        if self._round >= self.rounds or best.cost >= self._round_cost:
-            return None
-        self._round, self._round_cost = self._round + 1, best.cost
-        simplex = ridge_simplex(self._rest, self._limits)
-        return self._nelder_mead([_point(corner) for corner in simplex])
-
-    def _evaluate(self, search: Search, evaluation: Evaluation, used: Settings) -> Command:
-        """Send an evaluation; return the next settings to try, or the best when it was the last.
-
-        Points outside the limits cost an evaluation but no frame.
-        """
-        while True:
-            self._evaluations += 1
-            if self._best is None or evaluation.cost < self._best.cost:
-                self._best, self._rest = evaluation, used.clamp(self._limits)
-            if self._evaluations >= self.evaluations_max:
+        once = self.rounds == 1
+        best = yield from nelder_mead(
+            others,
+            known=[first],
+            point_spread=math.inf if once else FIRST_SPREAD,
+            cost_spread=self.cost_spread if once else math.inf,
+        )
+        for _ in range(self.rounds - 1):
+            before = best.cost
+            best = yield from ridge_round(best, self._limits)
+            if best.cost >= before:
                 break
-            try:
-                asked = search.send(evaluation)
-            except StopIteration:
-                further = self._next_round(self._best)
-                if further is None:
-                    break
-                self._search = search = further
-                asked = search.send(self._best)
-            if _inside(asked, self._limits):
-                self._command = _settings(asked).clamp(self._limits)
-                return self._command
-            evaluation = Evaluation(asked, UNUSABLE_COST)
+        return best
+
+    def _answer(self, search: Search, evaluation: Evaluation) -> Command:
+        """Tell the search of an evaluation; return what to do next."""
+        self._evaluations += 1
+        if self._evaluations >= self.evaluations_max:
+            return self._settle()
+        try:
+            return self._ask(search, search.send(evaluation))
+        except StopIteration:
+            return self._settle()
+
+    def _ask(self, search: Search, asked: Point) -> Command:
+        """Try what the search asks for; what is outside the limits costs no frame."""
+        if not _inside(asked, self._limits):
+            return self._answer(search, Evaluation(asked, UNUSABLE_COST))
+        self._command = _settings(asked).clamp(self._limits)
+        return self._command
+
+    def _settle(self) -> Command:
+        """Rest on the best frame that was seen."""
         self._search = None
         self._command = self._rest
         return self._command
@@ -226,19 +224,53 @@ def initial_simplex(used: Settings, mean_dn: float, limits: Limits) -> list[tupl
     return [(exposure_us, gain_db), (exposure_us, other_gain), (other_exposure, gain_db)]
 
 
-def ridge_simplex(best: Settings, limits: Limits) -> list[Settings]:
-    """Return the best settings, as bright ones with another gain, and some a little brighter.
+def ridge_round(best: Evaluation, limits: Limits) -> Search:
+    """Look along equal brightness from end to end, then search around the best place of all."""
+    seen = [best]
+    for settings in ridge(_settings(best.point).clamp(limits), limits):
+        seen.append((yield _point(settings)))
+    best = min(seen, key=lambda evaluation: evaluation.cost)
+    beside = beside_simplex(_settings(best.point).clamp(limits), limits)
+    return (
+        yield from nelder_mead(
+            [_point(corner) for corner in beside],
+            known=[best],
+            point_spread=LAST_SPREAD,
+            cost_spread=math.inf,
+        )
+    )
+
+
+def ridge(best: Settings, limits: Limits) -> list[Settings]:
+    """Return settings from the shortest exposure to the longest, by turns darker and as bright.
+
+    Darker, because amplified noise saturates sooner: the best brightness falls with gain.
+    """
+    shortest_us, longest_us = limits.exposure_us
+    least, most = (gain_factor(gain) for gain in limits.gain_db)
+    places = []
+    for look in range(RIDGE_LOOKS):
+        brightness = brightness_us(best) * (RIDGE_DARKER if look % 2 == 0 else 1.0)
+        first_us, last_us = max(shortest_us, brightness / most), min(longest_us, brightness / least)
+        exposure_us = first_us * (last_us / first_us) ** (look / (RIDGE_LOOKS - 1))
+        amplified_db = gain_db(max(brightness / exposure_us, 1.0))
+        places.append(Settings(exposure_us, amplified_db).clamp(limits))
+    return places
+
+
+def beside_simplex(best: Settings, limits: Limits) -> list[Settings]:
+    """Return as bright settings with another gain, and some a little brighter.
 
     Where a limit leaves no room the step goes to the other side.
     """
-    trade_db = math.log(RIDGE_STEP) / NEPERS_PER_DB
+    trade_db = gain_db(RIDGE_STEP)
     along = Settings(best.exposure_us / RIDGE_STEP, best.gain_db + trade_db)
     if along.clamp(limits) != along:
         along = Settings(best.exposure_us * RIDGE_STEP, max(best.gain_db - trade_db, 0.0))
     beside = Settings(best.exposure_us * BESIDE_STEP, best.gain_db)
     if beside.clamp(limits) != beside:
         beside = Settings(best.exposure_us / BESIDE_STEP, best.gain_db)
-    return [corner.clamp(limits) for corner in (best, along, beside)]
+    return [corner.clamp(limits) for corner in (along, beside)]
 
 
 def _moved(value: float, change: float, least: float, limits: tuple[float, float]) -> float:

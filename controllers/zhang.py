@@ -40,7 +40,7 @@ GAIN_STEP_DB = 1.0
 GAIN_UP_US, GAIN_DOWN_US = 10_000.0, 2_000.0
 """From this exposure on gain takes over a step; below that one it gives one back."""
 
-TILES_ACROSS = 52
+TILES_ACROSS = 26
 MODES = ("heuristic", *GAINS)
 
 

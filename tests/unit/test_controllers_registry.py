@@ -30,7 +30,7 @@ def test_defaults_are_resolved() -> None:
         "variant": "authors",
         "cost_spread": "1e-05",
         "evaluations_max": "50",
-        "rounds": "3",
+        "rounds": "2",
     }
 
 

@@ -21,7 +21,7 @@ from rig.experiments.tuning import FULL, Plan, Race, table, tune_plan, words
 PLAN = Plan(
     rivals={"mean": ("mean:speed=1", "mean:speed=0.5")},
     constants=("fixed:gain_db=0", "fixed:gain_db=9"),
-    seeds={"tunnel": (0, 1)},
+    heats={"tunnel": (0, 1)},
     size="320x240",
     frames=12,
 )
@@ -41,12 +41,14 @@ class Said:
         monkeypatch.setattr(tuning, "run_solo", self._solo)
         monkeypatch.setattr(tuning, "_world_version", lambda world, seed: self.version)
         self.version = "tunnel/9"
+        self.medians = MEDIANS
 
     def _solo(self, address, controllers, *, seed, frames):  # type: ignore[no-untyped-def]
         assert "split=train" in address
         self.driven += [(controller.name, seed) for controller in controllers]
         return [
-            Solo(c.name, self.version, MEDIANS[c.name], 10 * seed, 1, (), ()) for c in controllers
+            Solo(c.name, self.version, self.medians[c.name], 10 * seed, 1, (), ())
+            for c in controllers
         ]
 
     def job(self) -> Job:
@@ -73,7 +75,7 @@ def test_the_score_weighs_median_and_minimum_alike() -> None:
         race("mean:speed=0.5", 0, 100, 20),
         race("mean:speed=0.5", 1, 25, 0),
     ]
-    values = table(PLAN, races)
+    values = table(PLAN, {each.key: each for each in races})
     assert [drive["reference"] for drive in values["drives"]] == ["fixed:gain_db=0"] * 2
     scores = {row["controller"]: row["score"] for row in values["rivals"]["mean"]}
     first, second = (4 * 80 / 40) ** 0.5, (1 * 80 / 20) ** 0.5
@@ -96,6 +98,22 @@ def test_a_sweep_goes_on_where_it_stopped(said: Said) -> None:
     assert any("5 done, 3 left" in line for line in said.lines)
 
 
+def test_only_the_best_of_the_heats_drive_the_finals(said: Said) -> None:
+    plan = replace(PLAN, heats={"tunnel": (0,)}, finals={"tunnel": (1, 2)}, finalists=1)
+    values = tune_plan(plan, said.job())
+    finalists = {spec for spec, seed in said.driven if seed > 0}
+    assert finalists == {"mean:speed=1", "fixed:gain_db=9"}
+    first, second = values["rivals"]["mean"]
+    assert (first["controller"], second["controller"]) == ("mean:speed=1", "mean:speed=0.5")
+    assert second["score"] is None
+    assert first["heats"] == pytest.approx(2**0.5)
+    assert first["score"] == pytest.approx(2**0.5)
+    assert [drive["stage"] for drive in values["drives"]] == ["heat", "final", "final"]
+    said.driven.clear()
+    assert tune_plan(plan, said.job()) == values
+    assert said.driven == []
+
+
 def test_results_of_another_world_are_not_used(said: Said) -> None:
     tune_plan(PLAN, said.job())
     said.driven.clear()
@@ -106,14 +124,16 @@ def test_results_of_another_world_are_not_used(said: Said) -> None:
 
 def test_what_cannot_be_swept_is_one_line(said: Said) -> None:
     with pytest.raises(UsageError, match="needs the world 'moon'; this version has: tunnel"):
-        tune_plan(replace(PLAN, seeds={"moon": (0,)}), said.job())
+        tune_plan(replace(PLAN, heats={"moon": (0,)}), said.job())
     (said.folder / "rival-tuning.jsonl").write_text(json.dumps({"controller": "x"}) + "\n")
     with pytest.raises(RigError, match=r"rival-tuning\.jsonl: line 1 is no result"):
         tune_plan(PLAN, said.job())
 
 
 def test_only_training_worlds_are_swept_and_every_variant_is_a_controller() -> None:
-    assert set(FULL.seeds) == {"tunnel", "road"}
+    assert set(FULL.heats) == set(FULL.finals) == {"tunnel", "road"}
+    for world, seeds in FULL.heats.items():
+        assert not set(seeds) & set(FULL.finals[world])
     specs = [*CONSTANTS, *(s for rows in (RIVALS, QUICK) for row in rows.values() for s in row)]
     for spec in specs:
         assert make_controller(spec, seed=0, networks={}).name == spec

@@ -1,8 +1,8 @@
 """Where a metric looks: at every pixel of a picture, or at little tiles spread over it.
 
 A controller cannot afford every pixel of a full picture. Shrinking it would average away the noise
-and sharpen the gradients that the metrics measure. So it looks at 6 x 6 tiles, evenly spread, of
-which the middle 2 x 2 pixels are judged with their true neighbours; every place of the colour
+and sharpen the gradients that the metrics measure. So it looks at 8 x 8 tiles, evenly spread, of
+which the middle 4 x 4 pixels are judged with their true neighbours; every place of the colour
 mosaic is seen alike.
 """
 
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from rig.core.types import PixelFormat
 from rig.vision.bayer import to_bgr, to_grey
 
-TILE_PX = 6
-"""Two pixels, their neighbours, and the neighbours from which a demosaic makes those."""
+TILE_PX, EDGE_PX = 8, 2
+"""An edge is the neighbours of what is judged, and those from which a demosaic makes them."""
 
 TILES_ACROSS = 86
 SMALL_PX = 120
@@ -91,5 +91,5 @@ def bordered(picture: NDArray[np.uint8], border: int) -> tuple[NDArray[np.uint8]
 
 
 def _centres(tiles: int) -> NDArray[np.int64]:
-    first = np.arange(tiles) * TILE_PX + TILE_PX // 2 - 1
-    return np.stack([first, first + 1], axis=1).ravel()
+    judged = np.arange(EDGE_PX, TILE_PX - EDGE_PX)
+    return np.add.outer(np.arange(tiles) * TILE_PX, judged).ravel()

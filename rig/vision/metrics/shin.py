@@ -120,7 +120,7 @@ def _score(
     flat = not cells.any()
     gradient = form.flat_gradient if flat else _evenness(cells, form)
     entropy = SHIN_ENTROPY_GAIN * bits
-    noise_dn = _noise_dn(np.atleast_3d(for_gradient), np.atleast_3d(for_noise), places, form)
+    noise_dn = _noise_dn(for_gradient, for_noise, places, form)
     score = form.alpha * gradient + (1 - form.alpha) * entropy - form.beta * noise_dn
     return ShinScore(score, gradient, entropy, noise_dn, flat)
 
@@ -136,14 +136,11 @@ def _noise_dn(
     for_gradient: Picture, for_noise: Picture, places: Places, form: ShinVariant
 ) -> float:
     """Return the standard deviation of the noise, in grey levels (eq. 3.14 and 3.15)."""
+    seen = cv2.split(for_gradient)
+    noisy = seen if for_noise is for_gradient else cv2.split(for_noise)
     levels = [
-        _channel_noise_dn(
-            np.ascontiguousarray(for_gradient[..., k]),
-            np.ascontiguousarray(for_noise[..., k]),
-            places,
-            form,
-        )
-        for k in range(for_noise.shape[2])
+        _channel_noise_dn(np.asarray(gradient, np.uint8), np.asarray(noise, np.uint8), places, form)
+        for gradient, noise in zip(seen, noisy, strict=True)
     ]
     weights = form.channel_weights if len(levels) == 3 else (1.0,)
     return float(np.dot(levels, weights))
