@@ -32,11 +32,12 @@ _ANSWER_BYTES = 0xF8
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """A camera that is there."""
+    """A camera that is there; `place` is its USB port or its network address."""
 
     serial: str
     model: str
     link: Literal["usb", "gige"]
+    place: str = ""
 
 
 def connected_cameras(usb: Path = SYSFS_USB) -> list[Connected]:
@@ -49,7 +50,9 @@ def usb_cameras(usb: Path = SYSFS_USB) -> Iterator[Connected]:
     for device in sorted(usb.glob("*")):
         interfaces = usb.glob(f"{device.name}:*")
         if ":" not in device.name and any(_is_camera(interface) for interface in interfaces):
-            yield Connected(_line(device / "serial"), _line(device / "product"), "usb")
+            yield Connected(
+                line_of(device / "serial"), line_of(device / "product"), "usb", device.name
+            )
 
 
 def network_cameras(wait_s: float = ANSWER_WITHIN_S) -> list[Connected]:
@@ -77,15 +80,16 @@ def read_answer(packet: bytes) -> tuple[str, Connected | None]:
         return "", None
     told = packet[_HEADER_BYTES:]
     address = socket.inet_ntoa(told[_IP_ADDRESS])
-    return address, Connected(_text(told[_SERIAL]), _text(told[_MODEL]), "gige")
+    return address, Connected(_text(told[_SERIAL]), _text(told[_MODEL]), "gige", address)
 
 
 def _is_camera(interface: Path) -> bool:
-    kind = (_line(interface / "bInterfaceClass"), _line(interface / "bInterfaceSubClass"))
+    kind = (line_of(interface / "bInterfaceClass"), line_of(interface / "bInterfaceSubClass"))
     return kind == _USB3_VISION
 
 
-def _line(file: Path) -> str:
+def line_of(file: Path) -> str:
+    """Return what a file of the kernel says; empty where it cannot be read."""
     try:
         return file.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

@@ -90,13 +90,21 @@ def open_source(address: str, *, seed: int, split: str = "test") -> Source:
 
 
 def _open_gige(address: str, *, seed: int, split: str) -> Source:
-    from rig.drivers.simulated.gige.opening import open_over_gige
+    from rig.drivers.aravis.address import read_mode
+    from rig.drivers.simulated.gige.opening import SCHEME, open_over_gige
 
     inner = parse_address(address)
     if inner.scheme != "sim":
         raise UsageError(f"gige:{address}: only simulated cameras are served; try gige:sim:tunnel")
+    mode = read_mode(SCHEME, inner.options.get("mode", "next-frame"))
+    others = {name: word for name, word in inner.options.items() if name != "mode"}
+    served = replace(inner, options=others)
     return open_over_gige(
-        lambda: _open_simulation(inner, seed=seed, split=split), address, seed=seed, split=split
+        lambda: _open_simulation(served, seed=seed, split=split),
+        str(served),
+        mode,
+        seed=seed,
+        split=split,
     )
 
 

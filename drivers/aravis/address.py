@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import get_args
 
 from rig.core.errors import UsageError
 from rig.core.protocols import Source
 from rig.core.types import Pair
-from rig.drivers.aravis.session import Mode, PairSpec
+from rig.drivers.aravis.session import MODES, Mode, PairSpec
 from rig.drivers.aravis.source import Surroundings, open_pair
 from rig.drivers.blackfly import Setup
 
@@ -42,19 +41,24 @@ def read_spec(name: str, options: Mapping[str, str]) -> PairSpec:
         raise UsageError(
             f"aravis:{name}: name two different cameras, the primary first, as in {_EXAMPLE}"
         )
-    mode = options.get("mode", "next-frame")
-    if mode not in get_args(Mode):
-        raise UsageError(f"aravis: mode must be {', '.join(get_args(Mode))}, got {mode!r}")
+    mode = read_mode(SCHEME, options.get("mode", "next-frame"))
     rate_hz = _rate(options.get("rate_hz", "10"))
     if mode == "free-run" and rate_hz is None:
         raise UsageError("aravis: mode=free-run needs a rate_hz that is a number, got 'max'")
     return PairSpec(
         Pair(*serials),
-        mode=mode,  # type: ignore[arg-type]
+        mode=mode,
         rate_hz=rate_hz,
         packet_bytes=_whole(options, "packet_bytes", None),
         setup=Setup(link_bytes_per_s=_whole(options, "link_bytes_per_s", 190_000_000) or 0),
     )
+
+
+def read_mode(scheme: str, word: str) -> Mode:
+    """Return how frames are started; raises UsageError."""
+    if word not in MODES:
+        raise UsageError(f"{scheme}: mode must be {', '.join(MODES)}, got {word!r}")
+    return word
 
 
 def _rate(word: str) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import ipaddress
 import threading
@@ -25,6 +26,7 @@ from rig.drivers.connected import usb_cameras
 _LOST_CODES = frozenset({2, 5, 6})
 """Aravis' codes for not connected, time-out and not found."""
 
+_SHARED_OBJECT = "libaravis-0.8.so.0"
 _BUSY = "LIBUSB_ERROR_BUSY"
 
 _SOCKET_BUFFER_BYTES = 4 << 20
@@ -52,6 +54,17 @@ def library() -> Any:
             "apt-get install python3-gi gir1.2-aravis-0.8, then make setup"
         ) from error
     return Aravis
+
+
+def aravis_version() -> tuple[int, int, int]:
+    """Return the version of Aravis; raises CameraError where it is not."""
+    library()
+    loaded = ctypes.CDLL(_SHARED_OBJECT)  # the version is not among what gi can call
+    return (
+        loaded.arv_get_major_version(),
+        loaded.arv_get_minor_version(),
+        loaded.arv_get_micro_version(),
+    )
 
 
 @contextmanager
@@ -264,6 +277,17 @@ class Opened:
         self._device = device
 
     @property
+    def on_usb(self) -> bool:
+        """Return whether this is a USB3 Vision camera."""
+        return bool(self._camera.is_uv_device())
+
+    def description(self) -> str:
+        """Return the GenICam XML by which the camera describes itself."""
+        with translated(self.serial, "reading its description"):
+            text, size_bytes = self._device.get_genicam_xml()
+            return str(text.encode()[:size_bytes].decode())  # what follows is not the camera's
+
+    @property
     def control_lost(self) -> bool:
         """Return whether the camera stopped listening to us."""
         return self._lost.is_set()
@@ -366,6 +390,16 @@ def _in_use(name: str) -> CameraError:
         f"{name}: another program controls this camera; close it, such as a viewer or another "
         "`rig`, and try again"
     )
+
+
+def described(name: str) -> tuple[str, str]:
+    """Return a camera's serial number and its GenICam description; raises CameraError."""
+    look_around([name])
+    opened = open_camera(name)
+    try:
+        return opened.serial, opened.description()
+    finally:
+        opened.close(say_goodbye=True)
 
 
 def look_around(names: Iterable[str]) -> None:

@@ -71,6 +71,11 @@ class ArmedCamera:
         return self._opened.serial
 
     @property
+    def on_usb(self) -> bool:
+        """Return whether this is a USB3 Vision camera."""
+        return self._opened.on_usb
+
+    @property
     def limits(self) -> Limits:
         """Return the settings that this camera takes, as its nodes say."""
         return self._limits

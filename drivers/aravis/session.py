@@ -18,6 +18,7 @@ from rig.drivers.aravis.binding import Opened, look_around, open_camera
 from rig.drivers.aravis.camera import ArmedCamera
 from rig.drivers.aravis.times import TriggerLog
 from rig.drivers.blackfly import Setup, camera_type
+from rig.drivers.machine import USBFS_MB_GOOD, USBFS_MB_NEEDED, usbfs_memory_mb
 
 _LOG = logging.getLogger(__name__)
 
@@ -200,6 +201,15 @@ def _start(cameras: Pair[ArmedCamera]) -> None:
     cameras.primary.start()
 
 
+def refuse_small_usb_memory(usb_cameras: int, memory_mb: float | None) -> None:
+    """Raise CameraError where the kernel has too little memory for two streams; 0 has no end."""
+    if usb_cameras > 1 and memory_mb and memory_mb < USBFS_MB_NEEDED:
+        raise CameraError(
+            f"usbfs_memory_mb is {memory_mb:g}: two cameras on USB would lose transfers; "
+            f"echo {USBFS_MB_GOOD} | sudo tee /sys/module/usbcore/parameters/usbfs_memory_mb"
+        )
+
+
 @contextlib.contextmanager
 def _opened(spec: PairSpec, log: TriggerLog, reach: Reach) -> Iterator[Pair[ArmedCamera]]:
     """Open and configure both cameras; close them again when that fails, or what follows does."""
@@ -210,6 +220,7 @@ def _opened(spec: PairSpec, log: TriggerLog, reach: Reach) -> Iterator[Pair[Arme
             opened = reach.open_camera(name)
             cameras.append(ArmedCamera(opened, camera_type(opened.maker), log, reach.clock))
             cameras[-1].configure(spec.setup, spec.packet_bytes)
+        refuse_small_usb_memory(sum(camera.on_usb for camera in cameras), usbfs_memory_mb())
         yield Pair(*cameras)
     except (CameraError, CameraLost):
         for camera in cameras:

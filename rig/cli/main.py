@@ -73,6 +73,22 @@ COMMANDS = {
         "Measure response curve and noise, and write a camera model for the simulation.",
         "rig calibrate-response --cameras sim:wall --out twin",
     ),
+    "devices": Told(
+        "List the real cameras that are connected.",
+        "rig devices --json",
+    ),
+    "doctor": Told(
+        "Find what keeps cameras from working, and say what to do about it.",
+        "rig doctor",
+    ),
+    "latency": Told(
+        "Measure how many frames new settings take to have effect.",
+        "rig latency --cameras 'sim:tunnel?latency_frames=3'",
+    ),
+    "dump-genicam": Told(
+        "Write the GenICam description of a camera to a file.",
+        "rig dump-genicam 18284899 --out blackfly.xml",
+    ),
     "serve": Told(
         "Serve a simulated pair as two GigE Vision cameras for any GenICam client.",
         "rig serve 'sim:tunnel?size=320x240'",

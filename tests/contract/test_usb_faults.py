@@ -58,9 +58,9 @@ def assert_whole(shot: PairShot, trigger: int) -> None:
     assert [frame.sequence for frame in shot.frames] == [trigger, trigger]
 
 
-def test_three_hundred_pairs_are_whole_and_take_what_was_asked(open_rig: OpenRig) -> None:
+def test_pairs_are_whole_and_take_what_was_asked(open_rig: OpenRig) -> None:
     rig, _, _ = open_rig()
-    for k in range(300):
+    for k in range(60):
         commands = Pair(Settings(500.0 + k, k % 20), Settings(900.0 - k, (k + 7) % 20))
         rig.apply(commands)
         shot = rig.shoot()

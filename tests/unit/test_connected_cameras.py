@@ -28,8 +28,8 @@ def test_usb3_vision_cameras_are_found_by_their_interface(tmp_path: Path) -> Non
     plug(tmp_path, "2-3", "01170164")
     model = "Blackfly S BFS-U3-31S4C"
     assert list(usb_cameras(tmp_path)) == [
-        Connected("01170163", model, "usb"),
-        Connected("01170164", model, "usb"),
+        Connected("01170163", model, "usb", "2-1"),
+        Connected("01170164", model, "usb", "2-3"),
     ]
 
 
@@ -50,7 +50,10 @@ def test_an_answer_is_read_and_noise_is_not() -> None:
     told[0x68:0x6C] = b"BFS\0"
     told[0xD8:0xE0] = b"20010001"
     packet = bytes((0, 0, 0, 3, 0, 0xF8, 0, 1)) + bytes(told)
-    assert read_answer(packet) == ("192.168.1.7", Connected("20010001", "BFS", "gige"))
+    assert read_answer(packet) == (
+        "192.168.1.7",
+        Connected("20010001", "BFS", "gige", "192.168.1.7"),
+    )
     assert read_answer(packet[:100])[1] is None
     assert read_answer(b"\x80\x01" + packet[2:])[1] is None
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from rig.core.protocols import Source
 from rig.core.types import Pair
-from rig.drivers.aravis.session import PairSpec
+from rig.drivers.aravis.session import Mode, PairSpec
 from rig.drivers.aravis.source import Surroundings, open_pair
 from rig.drivers.simulated.gige.process import ServerProcess
 from rig.drivers.simulated.source import SimulatedSource
@@ -15,7 +15,12 @@ SCHEME = "gige"
 
 
 def open_over_gige(
-    open_simulated: Callable[[], SimulatedSource], address: str, *, seed: int, split: str
+    open_simulated: Callable[[], SimulatedSource],
+    address: str,
+    mode: Mode = "next-frame",
+    *,
+    seed: int,
+    split: str,
 ) -> Source:
     """Open the simulated pair at `address` (`sim:...`) through GigE Vision and Aravis.
 
@@ -25,16 +30,16 @@ def open_over_gige(
     server = ServerProcess(address, seed=seed, split=split)
     try:
         simulated = open_simulated()
-        spec = PairSpec(server.addresses(), rate_hz=simulated.rate_hz)
-        return open_pair(spec, _surroundings(simulated), server.close)
+        spec = PairSpec(server.addresses(), mode=mode, rate_hz=simulated.rate_hz)
+        return open_pair(spec, _surroundings(simulated, mode), server.close)
     except BaseException:
         server.close()
         raise
 
 
-def _surroundings(simulated: SimulatedSource) -> Surroundings:
+def _surroundings(simulated: SimulatedSource, mode: Mode) -> Surroundings:
     return Surroundings(
-        address=f"{SCHEME}:{simulated.address}",
+        address=f"{SCHEME}:{simulated.address}" + ("" if mode == "next-frame" else f"&mode={mode}"),
         intrinsics=Pair(*simulated.intrinsics),
         drive_triggers=simulated.drive_triggers,
         world_version=simulated.world_version,
