@@ -18,6 +18,7 @@ from rig.core.types import SIDES, Pair, Side
 ENOUGH_VIEWS = 50
 FEWEST_VIEWS = 8
 MOST_VIEWS = 60
+UNMOVED = "the board has not moved"
 
 _CELLS = 3
 _CELL_CORNERS = 8
@@ -66,7 +67,7 @@ class ViewCollection:
 
     def _judge(self, trigger: int, greys: Pair[Grey], offset_ns: int | None) -> str:
         if not self._has_changed(greys.primary):
-            return "the board has not moved"
+            return UNMOVED
         found: list[Corners] = []
         for side, grey in zip(SIDES, greys, strict=True):
             corners = find_corners(self.board, grey)
@@ -78,7 +79,7 @@ class ViewCollection:
             found.append(corners)
         both = Pair(found[0], _same_way_round(found[0], found[1]))
         if not self._is_new(both.primary):
-            return "the board has not moved"
+            return UNMOVED
         if len(self.views) >= MOST_VIEWS:
             return "enough views"
         self.views.append(View(trigger, both, offset_ns))

@@ -150,12 +150,13 @@ class Session:
 
 def run(session: Session, frames: int | None, web: WebOptions, terminal: Terminal) -> int:
     """Take pairs until the guide has its result, or it is ended; return the triggers it took."""
-    pair, guide = CameraPair(session.source), session.guide
+    source, guide = session.source, session.guide
+    pair = CameraPair(source)
     in_hand = session.ring is not None and session.hand is None
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signal("leaving the calibration"))
         pressed = stack.enter_context(keyboard())
-        view = stack.enter_context(live_page(web, terminal, session.press))
+        view = stack.enter_context(live_page(web, terminal, source.address, session.press))
         while guide.result is None and not stop.requested:
             if frames is not None and pair.triggers >= frames:
                 break

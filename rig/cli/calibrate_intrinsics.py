@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rig.calibration.board import Board, parse_board
 from rig.calibration.export import kalibr_camchain, ros_camera_info
@@ -12,7 +14,7 @@ from rig.calibration.files import of_fit, today
 from rig.calibration.intrinsics import RigFit, fit_rig
 from rig.calibration.pairs import GreyPair, count_in_folder, of_folder, of_recording
 from rig.calibration.plots import residual_plot
-from rig.calibration.views import ViewCollection
+from rig.calibration.views import UNMOVED, ViewCollection
 from rig.cli.calibration import (
     DEFAULT_CALIBRATION,
     DEFAULT_KNOWN,
@@ -25,13 +27,15 @@ from rig.cli.drive import announce
 from rig.cli.interrupt import stop_on_signal
 from rig.cli.options import chosen_cameras, make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
+from rig.cli.web import DEFAULT_WEB, WebOptions, live_page
 from rig.core.errors import CalibrationError, RigError
 from rig.core.protocols import Source
-from rig.core.types import SIDES, Auto, Pair, Settings
+from rig.core.types import SIDES, Auto, Frame, Pair, Settings
 from rig.drivers.registry import open_source
 from rig.pair import CameraPair, both_frames
 from rig.record.reader import open_recording
 from rig.vision.bayer import to_grey
+from rig.web.slot import Glimpse
 
 DEFAULT_CAMERAS = "sim:chessboard"
 PLOT = "residuals.svg"
@@ -46,6 +50,7 @@ def calibrate_intrinsics(
     tolerance_px: float = 0.5,
     options: CalibrationOptions = DEFAULT_CALIBRATION,
     known: KnownOptions = DEFAULT_KNOWN,
+    web: WebOptions = DEFAULT_WEB,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
     """Measure focal lengths, distortion and the baseline of both cameras from views of a board.
@@ -68,7 +73,7 @@ def calibrate_intrinsics(
     wanted = parse_board(board, square_mm)
     folder = run_folder(options.out, "calibrate-intrinsics")
     if pictures is None:
-        serials, collection = look_live(wanted, options, terminal)
+        serials, collection = look_live(wanted, options, web, terminal)
     else:
         serials, collection = look_back(pictures, wanted, terminal)
     fit = fit_rig(collection)
@@ -83,26 +88,30 @@ def calibrate_intrinsics(
 
 
 def look_live(
-    board: Board, options: CalibrationOptions, terminal: Terminal
+    board: Board, options: CalibrationOptions, web: WebOptions, terminal: Terminal
 ) -> tuple[Pair[str], ViewCollection]:
     """Watch the cameras until there are enough views of everything."""
     address = chosen_cameras(options.cameras, DEFAULT_CAMERAS)
     with (
         closing(open_source(address, seed=options.seed, split="test")) as source,
-        stop_on_signal() as stop,
+        stop_on_signal("computing with what was seen") as stop,
+        live_page(web, terminal, source.address) as view,
     ):
         frames = options.frames if options.frames is not None else source.drive_triggers
         announce(source, frames, terminal)
         lens = source.intrinsics.primary
         collection = ViewCollection(board, (lens.width_px, lens.height_px))
-        for pair in live_pairs(source, frames):
-            guide(collection, pair, terminal)
+        for pair, seen in live_pairs(source, frames):
+            told = guide(collection, pair, terminal)
+            if view is not None:
+                shown = page_state(collection, seen, told)
+                view.slot.put(Glimpse(Pair[Frame | None](*seen), partial(dict[str, Any], shown)))
             if stop.requested or (options.frames is None and not collection.missing):
                 break
         return Pair(*(camera.serial for camera in source.cameras)), collection
 
 
-def live_pairs(source: Source, frames: int | None) -> Iterator[GreyPair]:
+def live_pairs(source: Source, frames: int | None) -> Iterator[tuple[GreyPair, Pair[Frame]]]:
     """Yield what the cameras see, each exposing by itself: at most 15 ms, against blur."""
     pair = CameraPair(source)
     limits = pair.limits.primary
@@ -116,7 +125,7 @@ def live_pairs(source: Source, frames: int | None) -> Iterator[GreyPair]:
         seen = both_frames(shot)
         if seen is not None:
             greys = Pair(*(to_grey(frame.image, frame.pixel_format) for frame in seen))
-            yield GreyPair(trigger, greys, shot.offset_ns)
+            yield GreyPair(trigger, greys, shot.offset_ns), seen
 
 
 def look_back(pictures: Path, board: Board, terminal: Terminal) -> tuple[Pair[str], ViewCollection]:
@@ -146,15 +155,35 @@ def look_back(pictures: Path, board: Board, terminal: Terminal) -> tuple[Pair[st
     return serials, collection
 
 
-def guide(collection: ViewCollection, pair: GreyPair, terminal: Terminal) -> None:
-    """Look at one pair and say what it was worth and what is missing most."""
+def guide(collection: ViewCollection, pair: GreyPair, terminal: Terminal) -> str:
+    """Look at one pair and say what it was worth and what is missing most; return that."""
     complaint = collection.offer(pair.trigger, pair.greys, pair.offset_ns)
-    if complaint == "the board has not moved":
-        return
-    missing = collection.missing
     state = complaint or f"view {len(collection.views)}"
-    todo = missing[0] if missing else "enough of everything"
-    terminal.say(f"pair {pair.trigger}: {state}; next: {todo}")
+    if complaint != UNMOVED:
+        terminal.say(f"pair {pair.trigger}: {state}; next: {todo(collection)}")
+    return state
+
+
+def todo(collection: ViewCollection) -> str:
+    """Return what is missing most."""
+    missing = collection.missing
+    return missing[0] if missing else "enough of everything"
+
+
+def page_state(collection: ViewCollection, frames: Pair[Frame], told: str) -> dict[str, Any]:
+    """Return what the page shows."""
+    return {
+        "title": "intrinsic calibration: show the board everywhere, near and tilted",
+        "status": f"{len(collection.views)} views",
+        "big": str(len(collection.views)),
+        "level": "warn" if collection.missing else "good",
+        "hint": todo(collection),
+        "values": [
+            ["exposure", *(f"{frame.used.exposure_us:.0f} us" for frame in frames)],
+            ["parts covered", *(f"{int((c > 0).sum())} of {c.size}" for c in collection.coverage)],
+        ],
+        "notes": [told, *collection.missing],
+    }
 
 
 def write_exports(folder: Path, fit: RigFit) -> None:

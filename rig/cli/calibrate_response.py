@@ -105,7 +105,7 @@ def take_brackets(
     brackets = Pair(*(Bracket(s, limits) for s, limits in zip(SIDES, pair.limits, strict=True)))
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signal("leaving the calibration"))
-        view = stack.enter_context(live_page(web, terminal))
+        view = stack.enter_context(live_page(web, terminal, source.address))
         advance = stack.enter_context(terminal.progress("bracket", None))
         while not all(bracket.done for bracket in brackets):
             if stop.requested:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rig.cli.exits import INTERRUPTED, LOSSES, OK
 from rig.cli.interrupt import StopRequest, stop_on_signal
+from rig.cli.options import is_simulated
 from rig.cli.provenance import command_line, git_commit, versions
 from rig.cli.terminal import Advance, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions, watched
@@ -55,7 +56,7 @@ def record_drive(
         stop_on_signal() as stop,
         RecordWriter(folder, header, real_time=source.real_time, expected=expected) as recorder,
         terminal.progress("driving", triggers) as advance,
-        watched(recorder, web, terminal, folder, triggers) as watching,
+        watched(recorder, web, terminal, source.address, folder, triggers) as watching,
     ):
         run = run_pair(source, policy, watching, until(triggers, stop, advance))
     return Drive(folder, run, stop.requested)
@@ -74,11 +75,6 @@ def announce(source: Source, triggers: int | None, terminal: Terminal) -> None:
     """Say which cameras are driven, and whether they are real."""
     kind = "SIMULATED" if is_simulated(source.address) else "cameras"
     terminal.say(f"{kind}: {source.address}, {triggers or 'endless'} triggers")
-
-
-def is_simulated(address: str) -> bool:
-    """Return whether an address names cameras that do not exist."""
-    return address.startswith(("sim:", "gige:"))
 
 
 def until(triggers: int | None, stop: StopRequest, advance: Advance) -> Callable[[int], bool]:

@@ -54,6 +54,11 @@ def chosen_cameras(named: str | None, usual: str = DEFAULT_CAMERAS) -> str:
     return usual
 
 
+def is_simulated(address: str) -> bool:
+    """Return whether an address names cameras that do not exist."""
+    return address.startswith(("sim:", "gige:"))
+
+
 def run_folder(out: Path | None, command: str) -> Path:
     """Return the folder that a run will make; raises RigError for one that is already there."""
     folder = out or _unused(Path("runs") / f"{datetime.now():%Y%m%d-%H%M%S}-{command}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from rig.cli.options import is_simulated
 from rig.cli.terminal import Terminal
 from rig.core.protocols import Recorder
 
@@ -36,16 +37,21 @@ DEFAULT_WEB = WebOptions()
 
 @contextmanager
 def live_page(
-    options: WebOptions, terminal: Terminal, press: Press | None = None
+    options: WebOptions, terminal: Terminal, address: str, press: Press | None = None
 ) -> Iterator[LiveView | None]:
-    """Serve a live page while the body runs; None when none was asked for."""
+    """Serve a live page of the cameras at `address` while the body runs; None when none is wanted.
+
+    It says where the cameras are simulated.
+    """
     if not options.web:
         yield None
         return
     from rig.web.guard import parse_listen
     from rig.web.live import LiveView
 
-    with LiveView.open(*parse_listen(options.web_address, options.web_token), press) as view:
+    banner = "SIMULATED" if is_simulated(address) else ""
+    listen = parse_listen(options.web_address, options.web_token)
+    with LiveView.open(*listen, press, banner) as view:
         terminal.say(f"live page: {view.url}")
         yield view
 
@@ -55,11 +61,12 @@ def watched(
     recorder: Recorder,
     options: WebOptions,
     terminal: Terminal,
+    address: str,
     folder: Path,
     triggers: int | None,
 ) -> Iterator[Recorder]:
     """Give the open `recorder`, watched by a live page where one was asked for."""
-    with live_page(options, terminal) as view:
+    with live_page(options, terminal, address) as view:
         if view is None:
             yield recorder
             return

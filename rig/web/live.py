@@ -37,9 +37,11 @@ class LiveView:
     _interval_s: float = 0.005
 
     @classmethod
-    def open(cls, host: str, port: int, token: str, press: Press | None = None) -> LiveView:
+    def open(
+        cls, host: str, port: int, token: str, press: Press | None = None, banner: str = ""
+    ) -> LiveView:
         """Bind the address; raises RigError when that cannot be."""
-        page = Page()
+        page = Page(banner)
         server = LiveServer(host, port, token, page, press)
         return cls(Slot(), page, server, threading.Event(), [])
 

@@ -58,7 +58,7 @@ function trace(values) {
 
 function draw(state) {
   known = state.n;
-  text($("title"), state.title || "rig");
+  text($("title"), [state.banner, state.title || "rig"].filter(Boolean).join(" · "));
   text($("status"), state.ended ? `${state.status || ""} · ended` : state.status);
   text($("big"), state.big, state.level);
   text($("hint"), state.hint, state.level);

@@ -19,8 +19,12 @@ _JPEG_QUALITY = 75
 
 @dataclass(slots=True, eq=False)
 class Page:
-    """The newest state, numbered; whoever waits for a newer one is woken up."""
+    """The newest state, numbered; whoever waits for a newer one is woken up.
 
+    `banner` stands before the title of every state.
+    """
+
+    banner: str = ""
     _state: bytes = b'{"n": 0}'
     _pictures: dict[str, bytes] = field(default_factory=dict)
     _number: int = 0
@@ -33,9 +37,10 @@ class Page:
             for side, frame in zip(SIDES, frames, strict=True)
             if frame is not None
         }
+        banner = {"banner": self.banner} if self.banner else {}
         with self._changed:
             self._number += 1
-            self._state = json.dumps({**state, "n": self._number}).encode()
+            self._state = json.dumps({**state, **banner, "n": self._number}).encode()
             self._pictures |= pictures
             self._changed.notify_all()
 

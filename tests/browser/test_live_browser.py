@@ -3,34 +3,21 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from live_browser import BROWSER, browse
 
 from rig.core.types import Frame, Pair, Settings
 from rig.web.live import LiveView
 from rig.web.slot import Glimpse
 
-BROWSER = shutil.which("chromium")
 if BROWSER is None:
     pytest.skip("chromium is not installed", allow_module_level=True)
 
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=900,1200",
-    "--enable-logging=stderr",
-]
 TOKEN = "a-token-of-enough-letters"
 HOSTILE = "<img src=x onerror=console.error(1)>"
 
@@ -54,20 +41,6 @@ def state() -> dict[str, object]:
     }
 
 
-def browse(view: LiveView, folder: Path, *flags: str) -> tuple[str, list[str]]:
-    """Return the page as the browser has it after some seconds, and its console."""
-    profile = f"--user-data-dir={folder / 'profile'}"
-    assert BROWSER is not None
-    result = subprocess.run(
-        [BROWSER, *FLAGS, profile, "--dump-dom", *flags, view.url],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    return result.stdout, [line for line in result.stderr.splitlines() if ":CONSOLE" in line]
-
-
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[str]]:
     """Let a browser watch a run that goes on for a while and then ends."""
@@ -82,7 +55,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, list[str]]:
         loop.start()
         try:
             folder = tmp_path_factory.mktemp("live")
-            return browse(view, folder, "--virtual-time-budget=1500")
+            return browse(view.url, folder, "--virtual-time-budget=1500")
         finally:
             done.set()
             loop.join()
@@ -141,7 +114,7 @@ def test_pictures_decode_and_a_key_arrives(tmp_path: Path) -> None:
         try:
             view.slot.put(Glimpse(Pair(frame(), frame()), state))
             time.sleep(0.3)
-            dom, console = browse(view, tmp_path, "--virtual-time-budget=1500")
+            dom, console = browse(view.url, tmp_path, "--virtual-time-budget=1500")
         finally:
             server._FILES |= files
     assert 'data-wide="256,256"' in dom
