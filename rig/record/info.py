@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from rig.core.types import SIDES, Frame, Intrinsics, Pair, Settings, Side
 from rig.core.units import NS_PER_S
 from rig.record import topics
+from rig.record.container import damage
 from rig.record.frames import Frames
 from rig.record.header import RECOVERY
 from rig.record.reader import Recording
@@ -87,7 +88,7 @@ def info(path: Path | str) -> Info:
     Raises RecordingError when there is none, RecordingDamaged when it is cut short or its index
     is corrupt; whether all is as it was recorded tells `verify`.
     """
-    with Frames(path) as frames:
+    with Frames(path) as frames, damage(frames.recording.path):
         return _info(frames)
 
 
