@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +145,7 @@ def photographer(scene: Scene, side: Side, drive: Drive) -> TakePicture:
     camera = SIDES.index(side)
     size = scene.intrinsics(side)
     sensor = Sensor(drive.model, (size.height_px, size.width_px), seed=camera)
-    look = lru_cache(maxsize=1)(partial(scene.view, side))
+    look = lru_cache(maxsize=1)(lambda time_s: scene.view(side, time_s))
 
     def take(sequence: int, used: Settings) -> NDArray[np.uint8]:
         view = look(drive.scene_time_s(sequence))
