@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +15,7 @@ from cyclopts import Parameter
 from rig.bulk import Workers, run_tasks
 from rig.cli.attach import check_attached
 from rig.cli.exits import OK
-from rig.cli.judge import figure, judge, table
+from rig.cli.judge import REPORT, figure, judge, table
 from rig.cli.options import make_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
@@ -23,6 +24,7 @@ from rig.evaluation.differences import differences
 from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures
+from rig.evaluation.report.league import ranking, write_league
 from rig.evaluation.summary import RACE_SIDES, Summary
 from rig.record.reader import open_recording
 
@@ -37,6 +39,7 @@ def evaluate(
     step: int = 1,
     undistort: Annotated[bool, Parameter(negative="")] = False,
     trajectories: Path | None = None,
+    out: Path | None = None,
     workers: int | None = None,
     dask: str = "",
     terminal: Terminal = DEFAULT_TERMINAL,
@@ -61,6 +64,8 @@ def evaluate(
         Take the lens distortion out first, by the calibration that each recording carries.
     trajectories:
         Folder to make, for the ways that viso2 told and the true ones, as TUM files.
+    out:
+        Folder to make, for evaluation.json and a report.html of all recordings.
     workers:
         How many recordings to judge at once; one a core when absent.
     dask:
@@ -71,25 +76,37 @@ def evaluate(
     if step < 1:
         raise UsageError(f"--step must be at least 1, got {step}")
     front_ends = parse_front_ends(front_end)
-    if trajectories is not None:
-        if "viso2" not in front_ends:
-            raise UsageError("--trajectories needs odometry: add --front-end orb,viso2")
-        make_folder(trajectories)
+    if trajectories is not None and "viso2" not in front_ends:
+        raise UsageError("--trajectories needs odometry: add --front-end orb,viso2")
     runs = [path for path in recordings if is_recording(path)]
     films = [path for path in recordings if not is_recording(path)]
     if undistort and films:
         raise UsageError(f"--undistort: {films[0]} carries no calibration; leave it out")
+    for folder in (trajectories, out):
+        if folder is not None:
+            make_folder(folder)
     for path in runs:
         check_attached(open_recording(path), terminal)
     how = How(front_end, undistort)
     judged = judge_runs(runs, how, Workers(workers, dask), terminal)
     if trajectories is not None:
-        for path, summary in zip(runs, judged, strict=True):
-            write_ways(trajectories, path, summary)
+        for name, summary in zip(names_of(runs), judged, strict=True):
+            write_ways(trajectories, name, summary)
     pictures = {str(path): film(path, step, front_ends, terminal) for path in films}
     values = together(judged) | ({"pictures": pictures} if pictures else {})
-    terminal.result(words(values), values)
+    text = words(values)
+    if out is not None:
+        publish_league(out, values)
+        text += f"\nreport: {out / REPORT}"
+    terminal.result(text, values)
     return OK
+
+
+def publish_league(folder: Path, values: dict[str, Any]) -> None:
+    """Write evaluation.json and report.html of many runs into a folder."""
+    text = json.dumps(values, indent=2)
+    (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+    write_league(folder / REPORT, values)
 
 
 def together(judged: Sequence[Summary]) -> dict[str, Any]:
@@ -125,12 +142,21 @@ def judge_run(how: How, path: Path, terminal: Terminal = SILENT) -> Summary:
     return judge(open_recording(path), terminal, front_ends, undistort=how.undistort)
 
 
-def write_ways(folder: Path, run: Path, summary: Summary) -> None:
+def names_of(runs: Sequence[Path]) -> list[str]:
+    """Return a name for each run, its folder's; numbered where two have the same."""
+    names: list[str] = []
+    for run in runs:
+        name = (run.parent if run.is_file() else run).resolve().name
+        taken = sum(1 for other in names if other == name or other.startswith(f"{name}_"))
+        names.append(f"{name}_{taken + 1}" if taken else name)
+    return names
+
+
+def write_ways(folder: Path, name: str, summary: Summary) -> None:
     """Write both cameras' ways of a run, and the true one where it is known, as TUM files."""
     series = summary.series
     came = np.isfinite(series.time_s)
     times_s = dict(zip(series.trigger[came].tolist(), series.time_s[came].tolist(), strict=True))
-    name = run.stem if run.is_file() else run.name
     for side in RACE_SIDES:
         odometry = summary.camera(side).odometry
         if odometry is None:
@@ -177,8 +203,7 @@ def league(values: dict[str, Any]) -> str:
     """Return one line a controller, the best median of ORB inliers first: means over its runs."""
     titles = f"{'ORB median':>12}{'min':>6}{'blind':>7}{'viso2 median':>14}{'min':>6}{'moved %':>9}"
     lines = [f"{'':>3} {'controller':<28}{'runs':>5}{titles}{'won':>6}{'lost':>5}"]
-    ranked = sorted(values["by_controller"].items(), key=_median, reverse=True)
-    for place, (name, told) in enumerate(ranked, start=1):
+    for place, (name, told, (won, lost)) in enumerate(ranking(values), start=1):
         orb, viso2 = told.get("orb", {}), told.get("viso2", {})
         cells = [
             figure(orb.get("median"), 12),
@@ -188,27 +213,9 @@ def league(values: dict[str, Any]) -> str:
             figure(viso2.get("min"), 6),
             figure(viso2.get("frames_processed_pct"), 9),
         ]
-        won, lost = score(name, values["paired"])
         line = f"{place:>3} {name:<28.28}{told['runs']:>5}{''.join(cells)}{won:>6}{lost:>5}"
         lines.append(line)
     return "\n".join(lines)
-
-
-def _median(item: tuple[str, dict[str, Any]]) -> float:
-    median = item[1].get("orb", {}).get("median")
-    return -1.0 if median is None else float(median)
-
-
-def score(controller: str, paired: dict[str, Any]) -> tuple[int, int]:
-    """Return how many runs a controller won and lost against all its rivals."""
-    won = lost = 0
-    for pair, result in paired.items():
-        a, _, b = pair.partition(" vs ")
-        if a == b:
-            continue
-        won += result["wins"] * (a == controller) + result["losses"] * (b == controller)
-        lost += result["losses"] * (a == controller) + result["wins"] * (b == controller)
-    return won, lost
 
 
 def duel(pair: str, result: dict[str, Any], apart: dict[str, Any]) -> str:
@@ -217,7 +224,7 @@ def duel(pair: str, result: dict[str, Any], apart: dict[str, Any]) -> str:
     told = "no ratio" if ratio is None else f"median ratio {ratio:.2f}"
     sure = f"95 % {interval[0]:.2f} to {interval[1]:.2f}" if interval else "no interval"
     sure = "one run: no interval" if orb["runs"] == 1 else sure
-    more = f"{orb['median']['difference']:+.0f} ORB inliers"
-    if orb["median"]["ci95"]:
-        more += " (95 % {:+.0f} to {:+.0f})".format(*orb["median"]["ci95"])
+    more = f"{orb['mean']['difference']:+.0f} ORB inliers a moment"
+    if orb["mean"]["ci95"]:
+        more += " (95 % {:+.0f} to {:+.0f})".format(*orb["mean"]["ci95"])
     return f"{pair}: {told} ({sure}), {more}, won {result['wins']}, lost {result['losses']}"

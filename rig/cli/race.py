@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from cyclopts import Parameter
 
 from rig.cli.attach import calibration_for
 from rig.cli.drive import make_header, record_drive
-from rig.cli.evaluate import together, words
+from rig.cli.evaluate import publish_league, together, words
 from rig.cli.exits import INTERRUPTED
 from rig.cli.judge import REPORT, publish, tell
 from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
@@ -81,8 +80,9 @@ def race_seeds(
         if raced.exit_code == INTERRUPTED:
             break
     values = together(summaries)
-    (folder / "evaluation.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-    terminal.result(f"{words(values)}\nreports: {folder}/*/{REPORT}", values)
+    publish_league(folder, values)
+    text = f"{words(values)}\nreports: {folder}/*/{REPORT}\nreport of all: {folder / REPORT}"
+    terminal.result(text, values)
     return max(codes)
 
 

@@ -33,6 +33,18 @@ def aggregate(runs: Sequence[RunJson], *, seed: int = 0) -> dict[str, Any]:
     }
 
 
+def score(controller: str, paired: Mapping[str, Any]) -> tuple[int, int]:
+    """Return how many runs a controller won and lost against all its rivals in `paired`."""
+    won = lost = 0
+    for pair, result in paired.items():
+        a, _, b = pair.partition(" vs ")
+        if a == b:
+            continue
+        won += result["wins"] * (a == controller) + result["losses"] * (b == controller)
+        lost += result["losses"] * (a == controller) + result["wins"] * (b == controller)
+    return won, lost
+
+
 @dataclass(frozen=True, slots=True)
 class Duel:
     """ORB statistics of one run of two controllers, a and b."""

@@ -67,6 +67,9 @@ def test_seeds_are_compared_over_all(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert values == json.loads((out / "evaluation.json").read_text())
     assert [run["seed"] for run in values["runs"]] == [1, 2]
     assert (out / "2" / "report.html").is_file()
+    assert "aeag vs aeag" in values["differences"]
+    page = (out / "report.html").read_text()
+    assert page.count("seed 1:") == page.count("seed 2:") == 2
 
 
 def test_verify_finds_a_run_sound(race_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -92,17 +95,28 @@ def test_evaluate_ranks_controllers(race_folder: Path, capsys: pytest.CaptureFix
     (pair,) = values["paired"].values()
     assert pair["ci95"] is None, "one run claims no significance"
     (apart,) = values["differences"].values()
-    assert apart["orb"]["median"]["ci95"] is None
+    assert apart["orb"]["mean"]["ci95"] is None
     assert apart["viso2"]["runs"] == 1
 
 
 def test_evaluate_makes_a_league_table_of_many_runs(
-    race_folder: Path, collect_folder: Path, capsys: pytest.CaptureFixture[str]
+    race_folder: Path,
+    collect_folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     runs = (race_folder, race_folder, collect_folder)
-    code, out, _ = said(capsys, "evaluate", *runs, "--front-end", "orb", "-q")
+    league, options = tmp_path / "league", ("--front-end", "orb", "-q")
+    code, out, _ = said(capsys, "evaluate", *runs, *options, "--out", league)
     assert code == 0
     lines = out.splitlines()
+    assert lines[-1] == f"report: {league / 'report.html'}"
+    assert (league / "report.html").is_file()
+    values = json.loads((league / "evaluation.json").read_text())
+    assert len(values["runs"]) == 3
+    code, _, error = said(capsys, "evaluate", *runs, *options, "--out", league)
+    assert code == 1
+    assert "exists" in error
     assert lines[0].split()[0] == "controller"
     places = [line.split() for line in lines[1:4]]
     assert [row[0] for row in places] == ["1", "2", "3"]
@@ -111,6 +125,35 @@ def test_evaluate_makes_a_league_table_of_many_runs(
     duel = next(line for line in lines if line.startswith("aeag vs fixed"))
     assert "median ratio" in duel
     assert "95 %" in duel
+
+
+def test_ways_are_written_one_file_a_side_and_the_true_one(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file = tmp_path / "ways", race_folder / "run.mcap"
+    code, _, _ = said(capsys, "evaluate", race_folder, file, "--trajectories", folder, "-q")
+    assert code == 0
+    both = [
+        f"{name}-{whose}.tum" for name in ("run", "run_2") for whose in ("left", "right", "truth")
+    ]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(both)
+    true = np.loadtxt(folder / "run-truth.tum")
+    assert true.shape == (14, 8)
+    assert np.diff(true[:, 0]) == pytest.approx(0.1)
+    assert np.linalg.norm(true[:, 4:], axis=1) == pytest.approx(1)
+    told = np.loadtxt(folder / "run-left.tum")
+    assert set(told[:, 0]) <= set(true[:, 0])
+    assert (folder / "run_2-left.tum").read_bytes() == (folder / "run-left.tum").read_bytes()
+
+
+def test_trajectories_need_the_front_end_that_tells_them(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("--front-end", "orb", "--trajectories", tmp_path / "ways")
+    code, _, error = said(capsys, "evaluate", race_folder, *arguments)
+    assert code == 2
+    assert "--trajectories needs odometry" in error
+    assert not (tmp_path / "ways").exists()
 
 
 def test_evaluate_takes_a_folder_of_pictures(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from synthetic_run import SyntheticRun
 
 from rig.core.types import Pair
-from rig.evaluation.differences import differences, median_difference, min_difference
+from rig.evaluation.differences import differences, mean_difference, min_difference
 from rig.evaluation.front_ends import parse_front_ends
 from rig.evaluation.summary import summarise
 
@@ -25,11 +25,11 @@ def drive(rng: np.random.Generator, better: float, wander: float = 30.0) -> Arra
 
 def test_the_difference_is_the_mean_over_runs() -> None:
     runs = [np.array([[5.0, 1.0], [7.0, 2.0], [6.0, 3.0]]), np.array([[1.0, 5.0], [3.0, 9.0]])]
-    assert median_difference(runs, seed=0)["difference"] == (4.0 - 5.0) / 2
+    assert mean_difference(runs, seed=0)["difference"] == (4.0 - 5.0) / 2
     assert min_difference(runs, seed=0)["difference"] == (4.0 - 4.0) / 2
 
 
-@pytest.mark.parametrize("measure", [median_difference, min_difference])
+@pytest.mark.parametrize("measure", [mean_difference, min_difference])
 def test_one_run_has_no_interval(measure) -> None:  # type: ignore[no-untyped-def]
     assert measure([drive(np.random.default_rng(0), 200)], seed=0)["ci95"] is None
 
@@ -39,7 +39,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     for seed in range(60):
         rng = np.random.default_rng(seed)
         runs = [drive(rng, 40 + rng.normal(0, 25)) for _ in range(12)]
-        low, high = median_difference(runs, seed=seed)["ci95"]
+        low, high = mean_difference(runs, seed=seed)["ci95"]
         held += low <= 40 <= high
     assert 53 <= held <= 60
 
@@ -47,18 +47,31 @@ def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
 def test_blocks_of_a_run_widen_what_whole_runs_alone_would_say() -> None:
     rng = np.random.default_rng(1)
     one = drive(rng, 40, wander=60.0)
-    low, high = median_difference([one] * 6, seed=0)["ci95"]
-    assert low < median_difference([one] * 6, seed=0)["difference"] < high
+    low, high = mean_difference([one] * 6, seed=0)["ci95"]
+    assert low < mean_difference([one] * 6, seed=0)["difference"] < high
     assert min_difference([one] * 6, seed=0)["ci95"] == pytest.approx(
         [(one[:, 0].min() - one[:, 1].min())] * 2
     )
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_drive_half_in_the_dark_has_an_interval_around_its_difference(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    light = np.repeat([800.0, 120.0, 850.0], [25, 60, 25])[:, None]
+    runs = [
+        light * (1.0, 0.8) * rng.uniform(0.7, 1.3) + rng.normal(0, 15, (110, 2)) for _ in range(8)
+    ]
+    told = mean_difference(runs, seed=seed)
+    low, high = told["ci95"]
+    assert low < told["difference"] < high
+    assert high - low < 30
+
+
 def test_the_seed_repeats_it_and_short_runs_are_taken_whole() -> None:
     rng = np.random.default_rng(2)
     runs = [drive(rng, 40)[:4] for _ in range(5)]
-    assert median_difference(runs, seed=3) == median_difference(runs, seed=3)
-    assert median_difference(runs, seed=3) != median_difference(runs, seed=4)
+    assert mean_difference(runs, seed=3) == mean_difference(runs, seed=3)
+    assert mean_difference(runs, seed=3) != mean_difference(runs, seed=4)
 
 
 def test_both_sides_are_found_by_their_controllers_names() -> None:
@@ -70,11 +83,12 @@ def test_both_sides_are_found_by_their_controllers_names() -> None:
     assert list(told["ours vs aeag"]) == ["orb"]
     orb_told = told["ours vs aeag"]["orb"]
     assert orb_told["runs"] == 2
-    (left, right), (other, own) = (
-        [side.inliers["orb"].median or 0 for side in (run.left, run.right)]
-        for run in (ours_left, ours_right)
-    )
-    assert orb_told["median"]["difference"] == pytest.approx((left - right + own - other) / 2)
+    apart = []
+    for run, own in ((ours_left, "left"), (ours_right, "right")):
+        counts = {side: run.camera(side).inliers["orb"][10:] for side in ("left", "right")}
+        rival = "right" if own == "left" else "left"
+        apart.append(np.mean(counts[own] - counts[rival]))
+    assert orb_told["mean"]["difference"] == pytest.approx(np.mean(apart))
 
 
 def test_a_run_without_counts_says_nothing() -> None:

@@ -38,17 +38,24 @@ def write_report(
 def render(recording: Recorded, summary: Summary, *, pictures: bool = True) -> str:
     """Return the page as text."""
     shown = moments(summary, recording.records()) if pictures else []
-    environment = Environment(
+    return (
+        environment()
+        .get_template("template.html")
+        .render(_who(summary) | _what(summary, shown) | _proof(summary) | assets())
+    )
+
+
+def environment() -> Environment:
+    """Return what fills the pages' templates: everything is escaped, nothing may be missing."""
+    made = Environment(
         loader=FileSystemLoader(HERE),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"value": data, "significant": significant, "options": options}
-    return environment.get_template("template.html").render(
-        _who(summary) | _what(summary, shown) | _proof(summary) | _assets()
-    )
+    made.filters |= {"value": data, "significant": significant, "options": options}
+    return made
 
 
 def _who(summary: Summary) -> dict[str, Any]:
@@ -135,7 +142,8 @@ def _proof(summary: Summary) -> dict[str, Any]:
     }
 
 
-def _assets() -> dict[str, Any]:
+def assets() -> dict[str, Any]:
+    """Return the style and the scripts, to be written into the page."""
     return {
         "style": _inline("style.css"),
         "script": _inline("charts.js"),
