@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -25,6 +25,9 @@ class StandIn:
 
     def intrinsics(self, side: Side) -> Intrinsics:
         return Intrinsics(self.asked["width_px"], self.asked["height_px"], 1.0, 1.0, 0.0, 0.0)
+
+    def view(self, side: Side, time_s: float) -> NoReturn:
+        raise AssertionError("an address alone takes no picture")
 
 
 @pytest.fixture
