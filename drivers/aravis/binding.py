@@ -30,6 +30,10 @@ _SHARED_OBJECT = "libaravis-0.8.so.0"
 _BUSY = "LIBUSB_ERROR_BUSY"
 
 _SOCKET_BUFFER_BYTES = 4 << 20
+_ASKED_AGAIN = 1.0
+"""The share of a picture's packets that may be asked for again; Aravis asks for a quarter, and a
+stream's first picture comes while the socket's buffer is still small."""
+
 _FRAME_RETENTION_US = 200_000
 """How long the rest of a picture is waited for after its last packet; 100 ms are short on a busy
 computer, and at 55 Hz a longer time would hold more pictures than the ring has."""
@@ -257,6 +261,7 @@ class Stream:
             self._stream.set_property("socket-buffer", aravis.GvStreamSocketBuffer.FIXED)
             self._stream.set_property("socket-buffer-size", _SOCKET_BUFFER_BYTES)
             self._stream.set_property("packet-resend", aravis.GvStreamPacketResend.ALWAYS)
+            self._stream.set_property("packet-request-ratio", _ASKED_AGAIN)
             self._stream.set_property("frame-retention", _FRAME_RETENTION_US)
 
 

@@ -9,6 +9,8 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 SOURCE = Path(__file__).with_name("stand_in.c")
 HEADER = Path("/usr/include/libusb-1.0/libusb.h")
 CANNOT_BUILD = "the USB stand-in needs gcc and libusb-1.0-0-dev"
@@ -72,8 +74,11 @@ class Plug:
     def __init__(self, library: ctypes.CDLL, number: int, called: object) -> None:
         self._library, self._number, self._called = library, number, called
 
-    def send(self, packet: bytes) -> None:
-        self._library.stand_in_send(self._number, packet, len(packet))
+    def send(self, packet: bytes | memoryview, tail: bytes = b"") -> None:
+        """Send one packet."""
+        data = np.frombuffer(packet, np.uint8)
+        start = ctypes.c_void_p(data.ctypes.data)
+        self._library.stand_in_send(self._number, start, data.size, tail, len(tail))
 
     def unsent(self) -> int:
         """Return how many packets nobody has taken."""

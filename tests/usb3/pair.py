@@ -102,12 +102,14 @@ class UsbCamera:
                 lost = self.registers.number("TransferQueueOverflowCount") + 1
                 self.registers.set_number("TransferQueueOverflowCount", lost)
                 continue
-            leader, payload, trailer = u3v.packets(picture)
+            leader, tail, trailer = u3v.packets(picture)
+            pixels = picture.pixels
             if self.short_pictures > 0:
                 self.short_pictures -= 1
-                payload = payload[: len(payload) // 2]
-            for packet in (leader, payload, trailer):
-                self.plug.send(packet)
+                pixels = pixels[: len(pixels) // 2]
+            self.plug.send(leader)
+            self.plug.send(pixels, tail)
+            self.plug.send(trailer)
             self.sent += 1
 
     def _read(self, address: int, size: int) -> bytes:

@@ -36,16 +36,22 @@ enum { MAKER = 1, MODEL, SERIAL, IDENTITY, TEXTS };
 /* Obeys a command and writes the answer; returns its size. */
 typedef int answer_fn(int camera, const uint8_t *command, int size, uint8_t *reply, int room);
 
+/* A packet may come in two parts, so that pixels need not be copied to what follows them. */
+struct data {
+    const uint8_t *bytes, *tail;
+    int size, tail_size, taken;
+};
+
 struct packet {
     struct packet *next;
-    int size, taken;
+    struct data data;
     uint8_t bytes[];
 };
 
 struct waiting {
     struct waiting *next;
     struct libusb_transfer *transfer;
-    bool cancelled;
+    bool cancelled, filled;
 };
 
 struct camera {
@@ -57,6 +63,7 @@ struct camera {
     struct packet *packets;
     struct waiting *waiting;
     libusb_device_handle *owner;
+    const libusb_context *stream_context;
     pid_t stream_thread;
 };
 
@@ -137,8 +144,10 @@ void stand_in_plug(int number, int plugged)
     pthread_mutex_lock(&lock);
     cameras[number].plugged = plugged;
     cameras[number].reply_size = 0;
-    if (!plugged)
+    if (!plugged) {
         drop_packets(&cameras[number]);
+        cameras[number].owner = NULL;
+    }
     wake_up();
 }
 
@@ -157,18 +166,61 @@ void stand_in_detach(int number)
     wake_up();
 }
 
-void stand_in_send(int number, const uint8_t *bytes, int size)
+static int left_of(const struct data *data)
 {
+    return data->size + data->tail_size - data->taken;
+}
+
+/* Take up to `room` bytes of a packet; returns how many. */
+static int take(struct data *data, uint8_t *to, int room)
+{
+    int begin = data->taken;
+    int end = begin + (room < left_of(data) ? room : left_of(data));
+    int middle = end < data->size ? end : data->size;
+    if (begin < middle)
+        memcpy(to, data->bytes + begin, middle - begin);
+    if (middle < end) {
+        int from = begin > data->size ? begin : data->size;
+        memcpy(to + (from - begin), data->tail + (from - data->size), end - from);
+    }
+    data->taken = end;
+    return end - begin;
+}
+
+/* Keep what is left of a packet until somebody waits for it. */
+static void keep(struct camera *camera, struct data *data)
+{
+    int size = left_of(data);
     struct packet *packet = malloc(sizeof *packet + size);
+    take(data, packet->bytes, size);
     packet->next = NULL;
-    packet->size = size;
-    packet->taken = 0;
-    memcpy(packet->bytes, bytes, size);
-    pthread_mutex_lock(&lock);
-    struct packet **end = &cameras[number].packets;
+    packet->data = (struct data){.bytes = packet->bytes, .size = size};
+    struct packet **end = &camera->packets;
     while (*end)
         end = &(*end)->next;
     *end = packet;
+}
+
+static void fill(struct waiting *waiting, struct data *data)
+{
+    struct libusb_transfer *transfer = waiting->transfer;
+    transfer->actual_length = take(data, transfer->buffer, transfer->length);
+    transfer->status = LIBUSB_TRANSFER_COMPLETED;
+    waiting->filled = true;
+}
+
+/* Send one packet: into the transfers that wait, and the rest into the queue. */
+void stand_in_send(int number, const uint8_t *bytes, int size, const uint8_t *tail, int tail_size)
+{
+    struct camera *camera = &cameras[number];
+    struct data data = {bytes, tail, size, tail_size, 0};
+    pthread_mutex_lock(&lock);
+    struct waiting *next = camera->packets ? NULL : camera->waiting;
+    for (; next && left_of(&data) > 0; next = next->next)
+        if (!next->filled && !next->cancelled)
+            fill(next, &data);
+    if (left_of(&data) > 0)
+        keep(camera, &data);
     wake_up();
 }
 
@@ -418,13 +470,19 @@ void libusb_free_transfer(struct libusb_transfer *transfer)
     free(transfer);
 }
 
+static void note_stream(struct camera *camera, const struct libusb_transfer *transfer)
+{
+    camera->stream_context = transfer->dev_handle->device->context;
+    camera->stream_thread = gettid();
+}
+
 int libusb_submit_transfer(struct libusb_transfer *transfer)
 {
     struct camera *camera = camera_of(transfer->dev_handle);
     struct waiting *mine = calloc(1, sizeof *mine);
     mine->transfer = transfer;
     pthread_mutex_lock(&lock);
-    camera->stream_thread = gettid();
+    note_stream(camera, transfer);
     bool plugged = camera->plugged;
     if (plugged) {
         struct waiting **end = &camera->waiting;
@@ -442,7 +500,7 @@ int libusb_cancel_transfer(struct libusb_transfer *transfer)
 {
     int result = LIBUSB_ERROR_NOT_FOUND;
     pthread_mutex_lock(&lock);
-    camera_of(transfer->dev_handle)->stream_thread = gettid();
+    note_stream(camera_of(transfer->dev_handle), transfer);
     for (struct waiting *each = camera_of(transfer->dev_handle)->waiting; each; each = each->next)
         if (each->transfer == transfer) {
             each->cancelled = true;
@@ -452,19 +510,15 @@ int libusb_cancel_transfer(struct libusb_transfer *transfer)
     return result;
 }
 
-/* Let the first packet fill a transfer, as far as either goes. */
-static void fill(struct camera *camera, struct libusb_transfer *transfer)
+/* Let the first packet of the queue fill a transfer. */
+static void fill_from_queue(struct camera *camera, struct waiting *waiting)
 {
     struct packet *packet = camera->packets;
-    int left = packet->size - packet->taken;
-    transfer->actual_length = transfer->length < left ? transfer->length : left;
-    memcpy(transfer->buffer, packet->bytes + packet->taken, transfer->actual_length);
-    packet->taken += transfer->actual_length;
-    if (packet->taken == packet->size) {
+    fill(waiting, &packet->data);
+    if (left_of(&packet->data) == 0) {
         camera->packets = packet->next;
         free(packet);
     }
-    transfer->status = LIBUSB_TRANSFER_COMPLETED;
 }
 
 /* Take a transfer that is over out of its queue: a cancelled one wherever it stands, the first one
@@ -476,18 +530,17 @@ static struct libusb_transfer *take_finished(struct camera *camera)
         place = &(*place)->next;
     if (!*place) {
         place = &camera->waiting;
-        if (!*place || (camera->plugged && !camera->packets))
+        if (!*place || (camera->plugged && !(*place)->filled && !camera->packets))
             return NULL;
     }
     struct waiting *found = *place;
     struct libusb_transfer *transfer = found->transfer;
-    transfer->actual_length = 0;
-    if (found->cancelled)
-        transfer->status = LIBUSB_TRANSFER_CANCELLED;
-    else if (!camera->plugged)
-        transfer->status = LIBUSB_TRANSFER_NO_DEVICE;
-    else
-        fill(camera, transfer);
+    if (!found->filled && camera->plugged && !found->cancelled)
+        fill_from_queue(camera, found);
+    else if (!found->filled) {
+        transfer->actual_length = 0;
+        transfer->status = found->cancelled ? LIBUSB_TRANSFER_CANCELLED : LIBUSB_TRANSFER_NO_DEVICE;
+    }
     *place = found->next;
     free(found);
     return transfer;
@@ -540,8 +593,7 @@ static void disturb(const libusb_context *context)
 {
     for (int number = 0; number < MAX_CAMERAS; number++) {
         struct camera *camera = &cameras[number];
-        bool mine = camera->owner && camera->owner->device->context == context;
-        if (mine && camera->stream_thread)
+        if (camera->stream_context == context && camera->stream_thread)
             if (syscall(SYS_tgkill, getpid(), camera->stream_thread, DISTURB) != 0)
                 camera->stream_thread = 0;
     }

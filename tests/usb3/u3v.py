@@ -83,9 +83,10 @@ def tell_size(memory: bytearray, payload_bytes: int) -> None:
 
 
 def packets(picture: Picture) -> tuple[bytes, bytes, bytes]:
-    """Return leader, payload and trailer of a picture."""
+    """Return the leader of a picture, what follows its pixels in the payload, and the trailer."""
     kind = _IMAGE_WITH_CHUNKS if picture.chunks else _IMAGE
-    payload = _payload(picture)
+    tail = _tail(picture)
+    payload_bytes = len(picture.pixels) + len(tail)
     leader = struct.pack(
         "<IHHQHHQIIIIIHH",
         *(_LEADER_MAGIC, 0, LEADER_BYTES, picture.block, 0, kind, picture.timestamp_ns),
@@ -93,15 +94,15 @@ def packets(picture: Picture) -> tuple[bytes, bytes, bytes]:
     )
     trailer = struct.pack(
         "<IHHQIQI",
-        *(_TRAILER_MAGIC, 0, TRAILER_BYTES, picture.block, 0, len(payload), picture.height_px),
+        *(_TRAILER_MAGIC, 0, TRAILER_BYTES, picture.block, 0, payload_bytes, picture.height_px),
     )
-    return leader, payload, trailer
+    return leader, tail, trailer
 
 
-def _payload(picture: Picture) -> bytes:
+def _tail(picture: Picture) -> bytes:
     if not picture.chunks:
-        return bytes(picture.pixels)
+        return b""
     tail = struct.pack("<II", CHUNKS["Image"], len(picture.pixels))
     for number, value in picture.chunks:
         tail += value + struct.pack("<II", number, len(value))
-    return bytes(picture.pixels) + tail
+    return tail

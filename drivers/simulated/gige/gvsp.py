@@ -40,8 +40,7 @@ def packets(picture: Picture, packet_bytes: int, *, extended: bool) -> list[Pack
     header = _extended_header(picture.block) if extended else _standard_header(picture.block)
     header_bytes = _EXTENDED_HEADER_BYTES if extended else _STANDARD_HEADER_BYTES
     room = packet_bytes - _IP_AND_UDP_BYTES - header_bytes
-    data = _data(picture)
-    parts = [data[at : at + room] for at in range(0, len(data), room)]
+    parts = _parts(picture, room)
     payload = [(header(_PAYLOAD, number), part) for number, part in enumerate(parts, start=1)]
     kind = _IMAGE_WITH_CHUNKS if picture.chunks else _IMAGE
     leader = struct.pack(
@@ -75,13 +74,24 @@ def chunk_bytes(sizes: list[int]) -> int:
     return 8 + sum(size + 8 for size in sizes)
 
 
-def _data(picture: Picture) -> memoryview:
+def _parts(picture: Picture, room: int) -> list[memoryview]:
+    """Return what each packet carries; only pixels that share one with chunks are copied."""
+    pixels, whole = picture.pixels, len(picture.pixels) // room * room
+    rest = memoryview(bytes(pixels[whole:]) + _tail(picture))
+    return [
+        *(pixels[at : at + room] for at in range(0, whole, room)),
+        *(rest[at : at + room] for at in range(0, len(rest), room)),
+    ]
+
+
+def _tail(picture: Picture) -> bytes:
+    """Return the chunks that follow the pixels."""
     if not picture.chunks:
-        return picture.pixels
+        return b""
     tail = struct.pack(">II", CHUNKS["Image"], len(picture.pixels))
     for number, value in picture.chunks:
         tail += value + struct.pack(">II", number, len(value))
-    return memoryview(bytes(picture.pixels) + tail)
+    return tail
 
 
 def _extended_header(block: int) -> Callable[[int, int], bytes]:
