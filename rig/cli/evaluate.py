@@ -25,6 +25,7 @@ from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures
 from rig.evaluation.report.league import ranking, write_league
+from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import RACE_SIDES, Summary
 from rig.record.reader import open_recording
 
@@ -153,7 +154,10 @@ def names_of(runs: Sequence[Path]) -> list[str]:
 
 
 def write_ways(folder: Path, name: str, summary: Summary) -> None:
-    """Write both cameras' ways of a run, and the true one where it is known, as TUM files."""
+    """Write both cameras' ways of a run, and the true one where it is known, as TUM files.
+
+    They begin where counting does: the errors in summary.json are those of these files.
+    """
     series = summary.series
     came = np.isfinite(series.time_s)
     times_s = dict(zip(series.trigger[came].tolist(), series.time_s[came].tolist(), strict=True))
@@ -161,9 +165,10 @@ def write_ways(folder: Path, name: str, summary: Summary) -> None:
         odometry = summary.camera(side).odometry
         if odometry is None:
             continue
-        write_tum(folder / f"{name}-{side}.tum", times_s, odometry.estimated)
-        if len(odometry.truth):
-            write_tum(folder / f"{name}-truth.tum", times_s, odometry.truth.only(times_s))
+        write_tum(folder / f"{name}-{side}.tum", times_s, odometry.way(WARM_UP_PAIRS))
+        true = odometry.truth.only(times_s).since(WARM_UP_PAIRS - 1)
+        if len(true):
+            write_tum(folder / f"{name}-truth.tum", times_s, true)
 
 
 def is_recording(path: Path) -> bool:

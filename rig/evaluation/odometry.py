@@ -112,6 +112,11 @@ class Trajectory:
         """Return where the camera was, N x 3."""
         return self.poses[:, :3, 3]
 
+    def since(self, trigger: int) -> Trajectory:
+        """Return the poses from a trigger on."""
+        kept = self.triggers >= trigger
+        return Trajectory(self.triggers[kept], self.poses[kept])
+
     def only(self, triggers: Iterable[int]) -> Trajectory:
         """Return the poses of some triggers."""
         kept = np.isin(self.triggers, list(triggers))
@@ -220,10 +225,14 @@ class Odometry:
         """Return the steps from a trigger on."""
         return tuple(step for step in self.steps if step.trigger >= trigger)
 
+    def way(self, since: int) -> Trajectory:
+        """Return the told way from the picture before trigger `since` on."""
+        return self.estimated.since(since - 1)
+
     def as_json(self, since: int) -> dict[str, object]:
-        """Return the numbers under `odometry`: counts from trigger `since` on, errors over all."""
+        """Return the numbers under `odometry`, of the steps from trigger `since` on."""
         steps = self.since(since)
-        told = accuracy(self.estimated, self.truth)
+        told = accuracy(self.way(since), self.truth)
         return {
             "frames": len(steps),
             "frames_lost": sum(1 for step in steps if step.failure),

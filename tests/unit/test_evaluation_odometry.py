@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import zipfile
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rig.core.types import Intrinsics
+from rig.core.types import Intrinsics, Settings
+from rig.drivers.registry import open_source
+from rig.drivers.sensor.sensor import Sensor
+from rig.drivers.simulated.source import SimulatedSource
+from rig.evaluation.front_ends import FRONT_ENDS
 from rig.evaluation.odometry import (
     REFERENCE_AGE_MAX,
     Odometry,
@@ -33,6 +38,7 @@ from rig.evaluation.odometry import (
     quaternion_xyzw,
     write_tum,
 )
+from rig.vision.bayer import to_grey
 from rig.vision.viso2.motion import Mount
 
 Array = NDArray[np.float64]
@@ -166,6 +172,7 @@ def test_the_shares_of_table_5_5() -> None:
     assert failures(steps) == {"few matches": 1, "too little motion": 1}
     assert processed_pct([]) is None
     assert mean_inlier_pct([]) is None
+    assert Odometry(tuple(steps), wavy(5)).way(since=2).triggers.tolist() == [1, 3]
     told = Odometry(tuple(steps), wavy(5)).as_json(since=2)
     assert (told["frames"], told["frames_lost"]) == (3, 2)
 
@@ -223,3 +230,26 @@ def test_a_reference_too_old_is_given_up() -> None:
     follow(front_end, list(range(REFERENCE_AGE_MAX + 4)))
     references = [pair[0] for pair in front_end.asked]
     assert references == [0, *[1] * REFERENCE_AGE_MAX, *[REFERENCE_AGE_MAX + 1] * 2]
+
+
+@pytest.mark.heavy
+def test_odometry_tells_the_way_out_of_the_simulated_tunnel() -> None:
+    with closing(open_source("sim:tunnel?size=640x480", seed=0, split="test")) as source:
+        assert isinstance(source, SimulatedSource)
+        lens = source.scene.intrinsics("primary")
+        sensor = Sensor(source.drive.model, (lens.height_px, lens.width_px), seed=0)
+        counter = FRONT_ENDS["viso2"].counter(lens)
+        assert isinstance(counter, OdometryCounter)
+        poses = []
+        for trigger in range(40, 65):
+            view = source.scene.view("primary", source.drive.scene_time_s(trigger))
+            raw = sensor.develop(view.exposed(8_000.0), Settings(8_000.0, 18.0), trigger)
+            counter.count(trigger, to_grey(raw, source.drive.model.picture.format))
+            truth = source.truth(trigger)
+            poses.append(pose_matrix(truth.position_m, truth.orientation_xyzw))
+    true = Trajectory(np.arange(40, 65), np.array(poses))
+    told = accuracy(chain(counter.steps), true)
+    assert told is not None
+    assert told.poses == 25
+    assert told.ate_m < 0.01 * np.linalg.norm(np.diff(true.positions, axis=0), axis=1).sum()
+    assert 0.85 < told.scale < 1.1

@@ -134,7 +134,7 @@ def test_the_map_lays_a_told_way_on_the_true_one(run: SyntheticRun) -> None:
     assert by_name["left"] == pytest.approx(by_name["truth"], abs=0.2)
     assert by_name["truth"][-2] - by_name["truth"][0] == pytest.approx(480 - 2 * 16, abs=0.5)
     assert drawn.bar_label == "5 m"
-    assert drawn.bar_px == pytest.approx(5 * 448 / np.hypot(*(poses[-1] - poses[0])[:2, 3]), abs=1)
+    assert drawn.bar_px == pytest.approx(5 * 448 / np.hypot(*(poses[-1] - poses[9])[:2, 3]), abs=1)
     assert ways(summarise(SyntheticRun(triggers=3))) is None
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.evaluation.odometry import Odometry, align
 from rig.evaluation.report.wording import number
+from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import RACE_SIDES, Summary
 
 Array = NDArray[np.float64]
@@ -46,11 +47,11 @@ def ways(summary: Summary) -> Map | None:
     told = {
         side: odometry
         for side in RACE_SIDES
-        if (odometry := summary.camera(side).odometry) and len(odometry.estimated) >= 3
+        if (odometry := summary.camera(side).odometry) and len(odometry.way(WARM_UP_PAIRS)) >= 3
     }
     if not told:
         return None
-    truth = next(iter(told.values())).truth
+    truth = next(iter(told.values())).truth.since(WARM_UP_PAIRS - 1)
     lines: dict[str, Array] = {}
     if len(truth) >= 3:
         lines["truth"] = truth.positions[:, :2]
@@ -86,7 +87,7 @@ def _size(low: Array, high: Array) -> float:
 
 def _line(way: Odometry) -> Array | None:
     """Return a way from above, N x 2: on the true one's ground, or the first camera's."""
-    estimated = way.estimated
+    estimated = way.way(WARM_UP_PAIRS)
     if len(way.truth) < 3:
         return estimated.positions[:, [2, 0]] * (1, -1)
     shared = np.intersect1d(estimated.triggers, way.truth.triggers)
