@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from rig.cli.exits import OK
-from rig.cli.options import DEFAULT_CAMERAS
+from rig.cli.options import DEFAULT_CAMERAS, Triggers
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 
 
@@ -13,7 +13,7 @@ def bound(
     cameras: str = DEFAULT_CAMERAS,
     /,
     *,
-    frames: int | None = None,
+    frames: Triggers = None,
     seed: int = 0,
     exposures: int = 10,
     gains: int = 5,

@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from rig.calibration.files import joined, write_calibration
 from rig.cli.exits import FAILED, OK
+from rig.cli.options import Triggers
 from rig.cli.terminal import Terminal
 from rig.config import Calibration, load_calibration
 
@@ -24,7 +25,7 @@ class CalibrationOptions:
 
     cameras: str | None = None
     """Address of the camera pair; a simulated one when absent."""
-    frames: int | None = None
+    frames: Triggers = None
     """At most this many triggers."""
     seed: int = 0
     """Seeds the simulated world and its noise."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 
 from rig.cli.exits import OK
@@ -29,7 +30,10 @@ def export(recording: Path, /, *, to: str, out: Path, terminal: Terminal = DEFAU
     from rig.record.reader import open_recording
 
     if to != ARCHIVE and to not in FORMATS:
-        raise UsageError(f"--to {to!r} is no format; known: {', '.join([*FORMATS, ARCHIVE])}")
+        known = [*FORMATS, ARCHIVE]
+        close = get_close_matches(to, known, n=1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise UsageError(f"--to {to!r} is no format; {hint}known: {', '.join(known)}")
     if out.exists():
         raise RigError(f"--out {out} exists, nothing is overwritten: name a new one")
     opened = open_recording(recording)

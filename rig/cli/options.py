@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from rig.core.errors import RigError
 
 DEFAULT_CAMERAS = "sim:tunnel"
+
+Triggers = Annotated[int | None, Parameter(validator=Number(gte=1))]
+"""How many triggers to take, one at least; the parser refuses less."""
 
 
 @Parameter(name="*")
@@ -20,7 +25,7 @@ class RunOptions:
 
     cameras: str | None = None
     """Address of the camera pair, such as sim:tunnel?size=1024x768; sim:tunnel when absent."""
-    frames: int | None = None
+    frames: Triggers = None
     """Exactly this many triggers; the whole drive when absent."""
     seed: int = 0
     """Seeds the world, the noise and the controllers."""

@@ -20,7 +20,10 @@ def recover(recording: Path, /, *, terminal: Terminal = DEFAULT_TERMINAL) -> int
 
     from rig.record.recover import recover as repair
 
-    repaired = asdict(repair(recording))
-    words = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in repaired.items())
-    terminal.result(f"{recording}: {words}", repaired)
+    found = repair(recording)
+    did = "repaired" if found.repaired else "intact, nothing was changed"
+    text = f"{recording}: {did}: {found.triggers} triggers in {found.chunks} chunks"
+    if found.repaired:
+        text += f"; {found.skipped_chunks} unreadable, {found.dropped_bytes} bytes of tail dropped"
+    terminal.result(text, asdict(found))
     return OK

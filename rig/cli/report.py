@@ -10,6 +10,7 @@ from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.summary import Summary
 from rig.evaluation.video import write_video
+from rig.record.container import find
 from rig.record.reader import open_recording
 
 
@@ -35,7 +36,7 @@ def report(
     if video is not None:
         check_video(video, recordings)
     for recording in recordings:
-        folder = recording if recording.is_dir() else recording.parent
+        folder = find(recording).parent
         summary = publish(folder, terminal, pictures=pictures)
         tell(folder, summary, terminal)
         if video is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.cli.exits import OK
+from rig.cli.options import Triggers
 from rig.cli.race import parse_seeds
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import UsageError
@@ -19,7 +20,7 @@ def targets(
     window: int = 4,
     alpha: float = 0.5,
     seeds: str | None = None,
-    frames: int | None = None,
+    frames: Triggers = None,
     processes: int | None = None,
     workers: int | None = None,
     dask: str = "",
