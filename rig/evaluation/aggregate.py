@@ -125,9 +125,10 @@ def _duels(runs: Sequence[RunJson]) -> dict[tuple[str, str], list[Duel]]:
         left, right = _sides(run)
         if any(side.get("orb", {}).get("median") is None for side in (left, right)):
             continue
-        if (right["controller"], left["controller"]) in duels:
-            left, right = right, left
-        duels.setdefault((left["controller"], right["controller"]), []).append(
+        names = left["controller"], right["controller"]
+        if names not in duels and names[::-1] in duels:
+            left, right, names = right, left, names[::-1]
+        duels.setdefault(names, []).append(
             Duel(
                 (left["orb"]["median"], right["orb"]["median"]),
                 (left["orb"]["min"], right["orb"]["min"]),

@@ -36,7 +36,7 @@ def differences(summaries: Sequence[Summary], *, seed: int = 0) -> dict[str, Any
                 "min": min_difference(runs, seed=seed),
             }
             for name in FRONT_ENDS
-            if (runs := [duel[name] for duel in duels if len(duel.get(name, ()))])
+            if (runs := [duel[name] for duel in duels if name in duel])
         }
     return told
 
@@ -92,18 +92,21 @@ def _middle(draws: Array) -> list[float]:
 
 
 def _duels(summaries: Sequence[Summary]) -> dict[tuple[str, str], list[dict[str, Array]]]:
-    """Return the counts of each two controllers, in the order in which they first met."""
+    """Return the counts of each two controllers, in the order in which they first met.
+
+    A run in which nothing was counted is no duel.
+    """
     duels: dict[tuple[str, str], list[dict[str, Array]]] = {}
     for summary in summaries:
         names, sides = (summary.left.controller, summary.right.controller), RACE_SIDES
-        if names[::-1] in duels:
+        if names not in duels and names[::-1] in duels:
             names, sides = names[::-1], sides[::-1]
         trigger = summary.series.trigger
         columns = [summary.camera(side).inliers for side in sides]
-        duels.setdefault(names, []).append(
-            {
-                name: np.column_stack([counted(trigger, column[name]) for column in columns])
-                for name in columns[0]
-            }
-        )
+        counts = {
+            name: np.column_stack([counted(trigger, column[name]) for column in columns])
+            for name in columns[0]
+        }
+        if any(len(column) for column in counts.values()):
+            duels.setdefault(names, []).append(counts)
     return duels

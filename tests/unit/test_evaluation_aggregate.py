@@ -37,6 +37,13 @@ def test_a_control_run_is_one_run_of_its_controller() -> None:
     assert list(document["paired"]) == ["aeag vs aeag"]
 
 
+def test_control_runs_compare_left_with_right_in_every_run() -> None:
+    runs = [run("aeag", (600, 100), "aeag", (500, 50)) for _ in range(3)]
+    paired = aggregate(runs)["paired"]["aeag vs aeag"]
+    assert paired["orb_median_ratio"] == pytest.approx(1.2)
+    assert (paired["wins"], paired["losses"]) == (3, 0)
+
+
 def test_ratio_is_of_averages_and_sides_may_change() -> None:
     document = aggregate(
         [

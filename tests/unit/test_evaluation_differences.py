@@ -93,5 +93,12 @@ def test_both_sides_are_found_by_their_controllers_names() -> None:
 
 def test_a_run_without_counts_says_nothing() -> None:
     summary = summarise(SyntheticRun(triggers=5), parse_front_ends("orb"))
-    assert differences([summary]) == {"ours vs aeag": {}}
+    assert differences([summary]) == {}
     assert differences([]) == {}
+
+
+def test_control_runs_compare_left_with_right_in_every_run() -> None:
+    run = summarise(SyntheticRun(triggers=16, names=Pair("aeag", "aeag")), parse_front_ends("orb"))
+    once, thrice = (differences([run] * n)["aeag vs aeag"]["orb"] for n in (1, 3))
+    assert once["mean"]["difference"] != 0
+    assert thrice["mean"]["difference"] == pytest.approx(once["mean"]["difference"])
