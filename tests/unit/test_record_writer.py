@@ -184,6 +184,32 @@ def test_a_broken_disk_keeps_what_was_written(
     assert info(tmp_path).recovered or found.pairs == len(RECORDS)
 
 
+def test_of_two_runs_into_one_folder_at_once_one_is_refused(tmp_path: Path) -> None:
+    for number in range(20):
+        folder, together, refused = tmp_path / str(number), threading.Barrier(2), []
+
+        def run(trigger: int, folder: Path, together: threading.Barrier, said: list[str]) -> None:
+            together.wait()
+            try:
+                with RecordWriter(folder, HEADER, real_time=True) as recorder:
+                    recorder.write(record(trigger))
+                    together.wait()
+            except RecordingError as error:
+                said.append(str(error))
+                together.wait()
+
+        arguments = (folder, together, refused)
+        runs = [threading.Thread(target=run, args=(trigger, *arguments)) for trigger in (0, 7)]
+        for each in runs:
+            each.start()
+        for each in runs:
+            each.join()
+        assert len(refused) == 1
+        assert "exists already and is kept" in refused[0]
+        (kept,) = open_recording(folder).records()
+        assert_same(kept, record(kept.trigger))
+
+
 def test_a_time_before_the_clock_began_does_not_spoil_the_file(tmp_path: Path) -> None:
     early = replace(frame(1), device_time_ns=-1)
     with pytest.raises(RecordingError, match=r"trigger 1 .* before the run's clock began"):
