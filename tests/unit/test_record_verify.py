@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 from record_samples import frame, half, mispaired, neither, record, write
 
 from rig.core.types import MAX_PAIR_OFFSET_NS, Frame, Pair, PairRecord, Settings
@@ -145,6 +147,49 @@ def test_a_change_is_found_though_checksums_were_rewritten(tmp_path: Path, edit:
     found = verify(file)
     assert not found.sound
     assert found.false_claims
+
+
+def rewrite(file: Path, topic_of: Callable[[str], str]) -> Path:
+    """Write a recording anew, every checksum right, with its messages on other topics."""
+    out = file.with_name("rewritten.mcap")
+    with file.open("rb") as old, out.open("wb") as new:
+        reader, writer = make_reader(old), Writer(new, compression=CompressionType.NONE)
+        writer.start(reader.get_header().profile, reader.get_header().library)
+        channels: dict[int, int] = {}
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        for each in reader.iter_attachments():
+            writer.add_attachment(
+                each.create_time, each.log_time, each.name, each.media_type, each.data
+            )
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.id not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    topic_of(channel.topic), channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
+            )
+        writer.finish()
+    return out
+
+
+def other_camera(topic: str) -> str:
+    swapped = {"primary": "secondary", "secondary": "primary"}
+    return "/".join(swapped.get(part, part) for part in topic.split("/"))
+
+
+def test_cameras_exchanged_in_a_file_are_found(tmp_path: Path) -> None:
+    file = write(tmp_path, [record(t) for t in range(3)])
+    assert verify(rewrite(file, str)).sound
+    found = verify(rewrite(file, other_camera))
+    assert not found.sound
+    assert any("trigger 0: the primary picture" in claim for claim in found.false_claims)
 
 
 def test_a_whole_trigger_exchanged_for_another_run_is_found(tmp_path: Path) -> None:
