@@ -2,7 +2,7 @@
 
     sim:WORLD?OPTION=VALUE&...      simulated cameras in a simulated world, on a virtual clock
     gige:sim:WORLD?OPTION=VALUE&... the same in real time, behind GigE Vision and Aravis
-    aravis:SERIAL,SERIAL            two real cameras, the primary first
+    aravis:SERIAL,SERIAL            two real cameras, the primary first (docs/hardware.md)
     replay:FILE                     the frames of a recording, as they were taken
 
 Options of `sim:` are those of SIMULATION_OPTIONS and OPTICS_OPTIONS, LIGHT_STEP, DEPTH, and those

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from importlib.metadata import version
 from typing import NamedTuple
@@ -142,6 +143,7 @@ def build_app() -> App:
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit code; problems are printed as one line."""
+    _listen(verbose=not {"-v", "--verbose"}.isdisjoint(arguments))
     try:
         code = build_app()(arguments, exit_on_error=False, print_error=False)
     except (CycloptsError, UsageError) as error:
@@ -163,6 +165,12 @@ def run(arguments: list[str]) -> int:
         print("rig: interrupted", file=sys.stderr)
         return INTERRUPTED
     return code if isinstance(code, int) else OK
+
+
+def _listen(*, verbose: bool) -> None:
+    """Print what the rooms log: warnings, or everything, such as each value written to a camera."""
+    logging.basicConfig(format="%(message)s")
+    logging.getLogger("rig").setLevel(logging.DEBUG if verbose else logging.NOTSET)
 
 
 def _complain(error: Exception) -> None:

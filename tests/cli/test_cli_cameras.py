@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -152,3 +153,15 @@ def test_a_camera_describes_itself(tmp_path: Path, capsys: pytest.CaptureFixture
     told = capsys.readouterr()
     assert told.out.startswith("SIM-PRIMARY: ")
     assert "exists, nothing is overwritten" in told.err
+
+
+@needs_aravis
+def test_verbose_tells_every_value_that_is_written(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collect = ["collect", "--perturb", "none", "--frames", "1", "--out", str(tmp_path / "run")]
+    assert run([*collect, "-v", "--cameras", f"gige:sim:wall?{SMALL}"]) == 0
+    assert "SIM-PRIMARY: LineSource = ExposureActive (asked ExposureActive)" in caplog.text
+    monkeypatch.setattr(connected, "connected_cameras", list)
+    assert run(["devices"]) == 0
+    assert not logging.getLogger("rig.drivers").isEnabledFor(logging.DEBUG)
