@@ -19,6 +19,10 @@ Points = NDArray[np.float64]
 _MARKER_SHARE = 0.75
 _SMALLEST_GRID = 3
 _REFINE_PX = (3.0, 15.0)
+_LONGEST_MOVE_PX = 1.0
+_CELL_SHARE, _GAP_SHARE = 0.4, 0.125
+"""How far from a corner there is nothing but its four squares, as a share of the spacing: on a
+ChArUco board the markers begin at an eighth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,24 +88,33 @@ def find_corners(board: Board, grey: Grey) -> Corners | None:
     found, px = cv2.findChessboardCornersSB(grey, board.grid, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
         return None
-    return Corners(
-        np.arange(len(px)), _refine(board, grey, np.asarray(px, np.float32).reshape(-1, 2))
-    )
+    rough = Corners(np.arange(len(px)), np.asarray(px, np.float64).reshape(-1, 2))
+    return Corners(rough.ids, _refine(grey, rough.px, _CELL_SHARE * _spacing_px(board, rough)))
 
 
-def _refine(board: Board, grey: Grey, px: NDArray[np.float32]) -> Points:
-    """Return the corners moved to where the gradients around them agree (Forstner).
+def _spacing_px(board: Board, corners: Corners) -> float:
+    """Return the smallest distance between corners that are neighbours on the board."""
+    metres = board.points_m[corners.ids]
+    apart_m = np.linalg.norm(metres[:, None] - metres[None], axis=2)
+    apart_px = np.linalg.norm(corners.px[:, None] - corners.px[None], axis=2)
+    neighbours = np.isclose(apart_m, board.square_m)
+    return float(apart_px[neighbours].min()) if neighbours.any() else 0.0
 
-    On demosaiced pictures this halves the error of the detector's own subpixels.
+
+def _refine(grey: Grey, px: Points, half_px: float) -> Points:
+    """Return the corners moved to where the gradients within `half_px` agree (Forstner).
+
+    On demosaiced pictures this halves the error of the detector's own subpixels. A corner that
+    jumps has been drawn to something else, and stays.
     """
-    across, down = board.grid
-    grid = px.reshape(down, across, 2)
-    spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min()) for axis in (0, 1))
-    half = int(min(max(0.4 * spacing, _REFINE_PX[0]), _REFINE_PX[1]))
+    half = int(min(max(half_px, _REFINE_PX[0]), _REFINE_PX[1]))
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
     soft = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    fine = cv2.cornerSubPix(soft, px.reshape(-1, 1, 2).copy(), (half, half), (-1, -1), stop)
-    return np.asarray(fine, np.float64).reshape(-1, 2)
+    start = px.astype(np.float32).reshape(-1, 1, 2)
+    found = cv2.cornerSubPix(soft, start.copy(), (half, half), (-1, -1), stop)
+    fine = np.asarray(found, np.float64).reshape(-1, 2)
+    jumped = np.linalg.norm(fine - px, axis=1) > _LONGEST_MOVE_PX
+    return np.where(jumped[:, None], px, fine)
 
 
 def _find_charuco(board: Board, grey: Grey) -> Corners | None:
@@ -112,7 +125,8 @@ def _find_charuco(board: Board, grey: Grey) -> Corners | None:
     px, ids, _, _ = cv2.aruco.CharucoDetector(layout).detectBoard(grey)
     if ids is None or len(ids) < 2 * _SMALLEST_GRID:
         return None
-    return Corners(np.asarray(ids, np.int64).ravel(), np.asarray(px, np.float64).reshape(-1, 2))
+    found = Corners(np.asarray(ids, np.int64).ravel(), np.asarray(px, np.float64).reshape(-1, 2))
+    return Corners(found.ids, _refine(grey, found.px, _GAP_SHARE * _spacing_px(board, found)))
 
 
 def what_else_is_there(board: Board, grey: Grey) -> str:

@@ -15,15 +15,17 @@ from rig.calibration.board import Board, Corners, Grey, find_corners, what_else_
 from rig.calibration.quality import judge_picture
 from rig.core.types import SIDES, Pair, Side
 
-ENOUGH_VIEWS = 50
+ENOUGH_VIEWS = 80
 FEWEST_VIEWS = 8
-MOST_VIEWS = 60
+MOST_VIEWS = 100
 UNMOVED = "the board has not moved"
 
 _CELLS = 3
 _CELL_CORNERS = 8
 _NEW_POSE_SHARE = 0.02
 _TILTED_VIEWS = 4
+_NEAR_VIEWS = 8
+_NEAR = 0.22
 _TILTED = 0.06
 _PUZZLES = 4
 _NOISE_DN = 0.7
@@ -133,6 +135,8 @@ class ViewCollection:
                        for y, x in thin]  # fmt: skip
         if sum(_tilt(view, self.board) > _TILTED for view in self.views) < _TILTED_VIEWS:
             wanted.append("tilt the board")
+        if sum(_share(view, self.size_px) > _NEAR for view in self.views) < _NEAR_VIEWS:
+            wanted.append("hold the board closer: it should fill most of the picture")
         if len(self.views) < ENOUGH_VIEWS:
             wanted.append(f"{ENOUGH_VIEWS - len(self.views)} more views")
         return wanted
@@ -163,6 +167,12 @@ def _tilt(view: View, board: Board) -> float:
     pairs = ((b - a, d - c), (c - a, d - b))
     ratios = [float(np.linalg.norm(p) / np.linalg.norm(q)) for p, q in pairs]
     return max(abs(math.log(ratio)) for ratio in ratios)
+
+
+def _share(view: View, size_px: tuple[int, int]) -> float:
+    """Return the share of the picture that the corners span."""
+    hull = cv2.convexHull(view.corners.primary.px.astype(np.float32))
+    return float(cv2.contourArea(hull)) / (size_px[0] * size_px[1])
 
 
 def most_common(refused: Mapping[str, int], count: int = 3) -> str:

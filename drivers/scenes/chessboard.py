@@ -24,14 +24,14 @@ from rig.core.types import Intrinsics, Side, Truth
 from rig.drivers.scenes.trajectories import Vector
 from rig.drivers.scenes.wall import StillView
 
-CHESSBOARD_VERSION = "chessboard/1"
+CHESSBOARD_VERSION = "chessboard/2"
 BASELINE_M = 0.0392
 """Distance between the two cameras (thesis 5.1.1)."""
 
 OPTIONS = ("board", "distortion")
 
 _HOLD_S = 0.2
-_DRIVE_S = 12.0
+_DRIVE_S = 18.0
 _LUX = 6_000.0
 _WHITE, _BLACK, _WALL = 0.85, 0.04, 0.35
 _SQUARE_M = 0.03
@@ -41,7 +41,7 @@ _SAMPLES = 16
 _TURNED = (0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15)
 """Bits of 0..15 reversed: samples whose rows and columns are all different (Hammersley), so that
 an edge along the pixels moves in sixteenths of one."""
-_FILL = (0.5, 0.75)
+_FILL = (0.6, 0.95)
 _TILT_RAD = 0.6
 _EDGE_PX_PER_WIDTH = 0.006
 

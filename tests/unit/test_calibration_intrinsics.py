@@ -203,7 +203,7 @@ def test_a_board_that_cannot_be_meant_is_refused(words: str) -> None:
 def test_the_coverage_says_where_the_board_is_missing() -> None:
     collection = ViewCollection(BOARD, (640, 480))
     assert collection.missing[0] == "show the board at the top left of the primary picture"
-    full = sightings(scene(), 60)
+    full = sightings(scene(), 80)
     assert full.missing == []
 
 
