@@ -36,12 +36,12 @@ def test_one_run_has_no_interval(measure) -> None:  # type: ignore[no-untyped-de
 
 def test_the_interval_holds_the_truth_as_often_as_it_says() -> None:
     held = 0
-    for seed in range(60):
+    for seed in range(40):
         rng = np.random.default_rng(seed)
-        runs = [drive(rng, 40 + rng.normal(0, 25)) for _ in range(12)]
+        runs = [drive(rng, 40 + rng.normal(0, 25)) for _ in range(10)]
         low, high = mean_difference(runs, seed=seed)["ci95"]
         held += low <= 40 <= high
-    assert 53 <= held <= 60
+    assert 34 <= held <= 40
 
 
 def test_blocks_of_a_run_widen_what_whole_runs_alone_would_say() -> None:

@@ -47,8 +47,13 @@ def run() -> SyntheticRun:
 
 
 @pytest.fixture(scope="module")
-def text(run: SyntheticRun) -> str:
-    return page(run)
+def summary(run: SyntheticRun) -> Summary:
+    return summarise(run)
+
+
+@pytest.fixture(scope="module")
+def text(run: SyntheticRun, summary: Summary) -> str:
+    return render(run, summary)
 
 
 def test_it_asks_nothing_of_the_network(text: str) -> None:
@@ -58,11 +63,10 @@ def test_it_asks_nothing_of_the_network(text: str) -> None:
             assert (attributes.get(name) or "data:").startswith("data:"), (tag, attributes)
 
 
-def test_the_curves_are_the_series(run: SyntheticRun, text: str) -> None:
+def test_the_curves_are_the_series(summary: Summary, text: str) -> None:
     found = re.search(r'<script type="application/json" id="series">(.*?)</script>', text)
     assert found is not None
     drawn = json.loads(found.group(1))
-    summary = summarise(run)
     assert drawn["pair"] == list(range(40))
     assert drawn["incomplete"] == [20, 30]
     titles = [chart["title"] for chart in drawn["charts"]]
@@ -75,21 +79,20 @@ def test_the_curves_are_the_series(run: SyntheticRun, text: str) -> None:
 
 
 def test_the_parts_of_the_drive_are_shaded_and_have_their_own_rows(
-    run: SyntheticRun, text: str
+    summary: Summary, text: str
 ) -> None:
-    assert [(part.kind, part.first, part.last) for part in summarise(run).segments] == [
+    assert [(part.kind, part.first, part.last) for part in summary.segments] == [
         ("static", 0, 15),
         ("inside", 16, 29),
         ("static", 30, 39),
     ]
-    drawn = curves(summarise(run))["segments"]
+    drawn = curves(summary)["segments"]
     assert drawn[1] == {"kind": "inside", "first": 16, "last": 29}
     assert 'data-segment="inside"' in text
     assert 'data-segment="static"' in text
 
 
-def test_the_tiles_compare_at_a_glance(run: SyntheticRun) -> None:
-    summary = summarise(run)
+def test_the_tiles_compare_at_a_glance(summary: Summary) -> None:
     shown = tiles(summary)
     assert len(shown) == 4
     median, blind = shown[0], shown[2]
@@ -98,8 +101,7 @@ def test_the_tiles_compare_at_a_glance(run: SyntheticRun) -> None:
     assert tiles(summarise(SyntheticRun(triggers=3))) == []
 
 
-def test_what_controllers_say_is_drawn_and_counted(run: SyntheticRun, text: str) -> None:
-    summary = summarise(run)
+def test_what_controllers_say_is_drawn_and_counted(summary: Summary, text: str) -> None:
     internal = [c for c in curves(summary)["charts"] if c["host"] == "internal-charts"]
     assert [(c["title"], c["curves"][0]["side"]) for c in internal] == [
         ("answer", "left"),
@@ -123,11 +125,11 @@ def driven(summary: Summary, truth: Trajectory) -> Summary:
     return replace(summary, series=replace(summary.series, cameras=cameras))
 
 
-def test_the_map_lays_a_told_way_on_the_true_one(run: SyntheticRun) -> None:
+def test_the_map_lays_a_told_way_on_the_true_one(summary: Summary) -> None:
     turns = np.arange(30) / 30
     poses = np.tile(np.eye(4), (30, 1, 1))
     poses[:, 0, 3], poses[:, 1, 3] = 40 * np.sin(turns), 40 * np.cos(turns)
-    drawn = ways(driven(summarise(run), Trajectory(np.arange(30), poses)))
+    drawn = ways(driven(summary, Trajectory(np.arange(30), poses)))
     assert drawn is not None
     assert drawn.true
     by_name = {way.whose: np.array(re.findall(r"[\d.]+", way.path), float) for way in drawn.ways}
@@ -138,8 +140,9 @@ def test_the_map_lays_a_told_way_on_the_true_one(run: SyntheticRun) -> None:
     assert ways(summarise(SyntheticRun(triggers=3))) is None
 
 
-def test_a_page_without_pictures_is_smaller_and_reads_none(run: SyntheticRun) -> None:
-    summary = summarise(run)
+def test_a_page_without_pictures_is_smaller_and_reads_none(
+    run: SyntheticRun, summary: Summary
+) -> None:
     bare = render(run, summary, pictures=False)
     assert "<img" not in bare
     assert len(bare) < 200_000
@@ -151,8 +154,7 @@ def test_simulated_runs_say_so_and_real_ones_do_not(text: str) -> None:
     assert "SIMULATED" not in page(SyntheticRun(triggers=12, cameras="aravis:1801,1802?x=sim:"))
 
 
-def test_the_verdict_has_the_numbers_and_claims_no_significance(run: SyntheticRun) -> None:
-    summary = summarise(run)
+def test_the_verdict_has_the_numbers_and_claims_no_significance(summary: Summary) -> None:
     sentence = verdict(summary).replace("\u202f", "")
     for side in (summary.left, summary.right):
         median = side.inliers["orb"].median
@@ -183,9 +185,8 @@ def test_names_are_escaped() -> None:
 
 
 def test_pictures_are_shown_at_the_worst_and_the_median_moments(
-    run: SyntheticRun, text: str
+    summary: Summary, text: str
 ) -> None:
-    summary = summarise(run)
     counts = summary.camera("left").inliers["orb"]
     counted = [c for c in counts[10:] if c == c]
     worst = next(t for t in range(10, 40) if counts[t] == min(counted))
@@ -216,9 +217,9 @@ def test_a_run_without_any_complete_pair_makes_a_page() -> None:
     assert "Nothing was counted" in text
 
 
-def test_the_file_is_small_and_the_same_every_time(tmp_path: Path) -> None:
-    run = SyntheticRun(triggers=120)
-    summary = summarise(run)
+def test_the_file_is_small_and_the_same_every_time(
+    run: SyntheticRun, summary: Summary, tmp_path: Path
+) -> None:
     for name in ("a.html", "b.html"):
         write_report(tmp_path / name, run, summary)
     assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
