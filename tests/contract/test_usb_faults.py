@@ -5,12 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from pathlib import Path
 
 import pytest
 from served_pair import plane_plan
 from usb3.opening import needs_usb, plugged
 from usb3.pair import UsbPair, look_at_usb, reach_as_it_runs, reach_in_step
 
+from rig.cli.drive import make_header
+from rig.controllers.policies import RacePolicy
+from rig.controllers.registry import make_controller
 from rig.core.clock import SystemClock
 from rig.core.errors import CameraError
 from rig.core.types import Frame, Pair, Settings
@@ -19,7 +23,11 @@ from rig.drivers.aravis.binding import open_camera
 from rig.drivers.aravis.session import PairSpec
 from rig.drivers.aravis.source import AravisSource, Surroundings, open_pair
 from rig.drivers.connected import Connected
+from rig.loop import run_pair
 from rig.pair import CameraPair, PairShot
+from rig.record.reader import open_recording
+from rig.record.verify import verify
+from rig.record.writer import RecordWriter
 
 pytestmark = needs_usb
 
@@ -185,3 +193,30 @@ def test_the_pair_also_runs_by_the_computers_clock() -> None:
         going.clear()
         runner.join()
         pair.close()
+
+
+def test_a_recording_shows_where_a_segment_ended(open_rig: OpenRig, tmp_path: Path) -> None:
+    _, pair, source = open_rig()
+    fixed = (
+        make_controller("fixed:exposure_us=900,gain_db=0", seed=0, networks={}) for _ in range(2)
+    )
+    header = make_header(source, 0, Pair("fixed", "fixed"), {}, {})
+
+    def keep_going(done: int) -> bool:
+        secondary = pair.cameras.secondary
+        if done == 5:
+            secondary.plug.pull()
+        if done == 8:
+            secondary.wake_up()
+            secondary.plug.push()
+        return done < 20
+
+    with RecordWriter(tmp_path / "run", header, real_time=False) as recorder:
+        run_pair(source, RacePolicy(*fixed, source.clock), recorder, keep_going)
+    found = verify(tmp_path / "run")
+    assert found.sound
+    assert found.pairs + sum(found.lost.values()) == 20
+    assert all(cause.endswith("camera lost, segment 1 ended") for cause in found.lost)
+    first, *_, last = [r.trigger for r in open_recording(tmp_path / "run").records() if r.cause]
+    assert (first, last - first + 1) == (5, sum(found.lost.values()))
+    assert found.pairs >= 14
