@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.evaluation.statistics import interval95
+
 SCHEMA = "rig.evaluation/1"
 FRONT_ENDS = ("orb", "viso2")
 RESAMPLES = 10_000
@@ -57,10 +59,10 @@ def compare(duels: Sequence[Duel], *, seed: int) -> dict[str, Any]:
     """Return how a did against b over runs in which they drove side by side.
 
     A ratio is a's average over the runs by b's, so a single blind run of b does not divide by
-    zero; None when b's average is 0. `ci95` holds the 2.5th and 97.5th percentile of the median's
-    ratio when whole runs are resampled with replacement (frames of one run depend on each other,
-    runs do not). It is None for one run: one run shows no significance. A win is a run in which
-    a's median is higher; equal medians are neither won nor lost.
+    zero; None when b's average is 0. `ci95` is the bootstrap interval of the median's ratio
+    when whole runs are resampled with replacement (frames of one run depend on each other, runs
+    do not), see `interval95`. It is None for one run: one run shows no significance. A win is a
+    run in which a's median is higher; equal medians are neither won nor lost.
     """
     medians = np.array([duel.median for duel in duels], np.float64).reshape(-1, 2)
     minima = np.array([duel.min for duel in duels], np.float64).reshape(-1, 2)
@@ -86,8 +88,7 @@ def _interval(values: NDArray[np.float64], seed: int) -> list[float] | None:
     sums = values[draws].sum(axis=1)
     if not (sums[:, 1] > 0).all():
         return None
-    low, high = np.percentile(sums[:, 0] / sums[:, 1], (2.5, 97.5))
-    return [float(low), float(high)]
+    return interval95(sums[:, 0] / sums[:, 1], runs)
 
 
 def _sides(run: RunJson) -> tuple[Mapping[str, Any], Mapping[str, Any]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.evaluation.aggregate import FRONT_ENDS
-from rig.evaluation.statistics import counted
+from rig.evaluation.statistics import counted, interval95
 from rig.evaluation.summary import RACE_SIDES, Summary
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 BLOCK_PAIRS = 10
 """Neighbouring pairs look alike: they are resampled together, a second of the usual drive."""
 
-RESAMPLES = 2_000
+RESAMPLES = 4_000
 
 
 def differences(summaries: Sequence[Summary], *, seed: int = 0) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def mean_difference(runs: Sequence[Array], *, seed: int) -> dict[str, Any]:
     within = np.stack([values[_block_rows(len(values), rng)].mean(axis=1) for values in apart])
     chosen = rng.integers(len(runs), size=(RESAMPLES, len(runs)))
     drawn = within[chosen, rng.integers(RESAMPLES, size=chosen.shape)]
-    return {"difference": found, "ci95": _middle(drawn.mean(axis=1))}
+    return {"difference": found, "ci95": interval95(drawn.mean(axis=1), len(runs))}
 
 
 def min_difference(runs: Sequence[Array], *, seed: int) -> dict[str, Any]:
@@ -71,7 +71,10 @@ def min_difference(runs: Sequence[Array], *, seed: int) -> dict[str, Any]:
     if len(runs) < 2:
         return {"difference": float(apart.mean()), "ci95": None}
     chosen = np.random.default_rng(seed).integers(len(runs), size=(RESAMPLES, len(runs)))
-    return {"difference": float(apart.mean()), "ci95": _middle(apart[chosen].mean(axis=1))}
+    return {
+        "difference": float(apart.mean()),
+        "ci95": interval95(apart[chosen].mean(axis=1), len(runs)),
+    }
 
 
 def _block_rows(rows: int, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -84,11 +87,6 @@ def _block_rows(rows: int, rng: np.random.Generator) -> NDArray[np.int64]:
     starts = places + rng.integers(-length, length + 1, size=(RESAMPLES, len(places)))
     blocks = starts[:, :, None] + np.arange(length)
     return np.asarray(blocks.reshape(RESAMPLES, -1)[:, :rows] % rows)
-
-
-def _middle(draws: Array) -> list[float]:
-    low, high = np.percentile(draws, (2.5, 97.5))
-    return [float(low), float(high)]
 
 
 def _duels(summaries: Sequence[Summary]) -> dict[tuple[str, str], list[dict[str, Array]]]:

@@ -64,12 +64,12 @@ def test_a_drive_half_in_the_dark_has_an_interval_around_its_difference(seed: in
     told = mean_difference(runs, seed=seed)
     low, high = told["ci95"]
     assert low < told["difference"] < high
-    assert high - low < 30
+    assert high - low < 60
 
 
 def test_the_seed_repeats_it_and_short_runs_are_taken_whole() -> None:
     rng = np.random.default_rng(2)
-    runs = [drive(rng, 40)[:4] for _ in range(5)]
+    runs = [drive(rng, 40)[:4] for _ in range(12)]
     assert mean_difference(runs, seed=3) == mean_difference(runs, seed=3)
     assert mean_difference(runs, seed=3) != mean_difference(runs, seed=4)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig.evaluation.statistics import counted, inlier_statistics, latency, spread
+from rig.evaluation.statistics import counted, inlier_statistics, interval95, latency, spread
 
 
 def test_triggers_below_ten_are_warm_up() -> None:
@@ -41,3 +41,12 @@ def test_spread_and_latency() -> None:
     assert spread(np.array([3.0, 1.0, 2.0, 9.0])) == (1.0, 2.5, 9.0)
     values = latency(np.arange(101.0))
     assert values == {"p50": 50.0, "p99": 99.0}
+
+
+def test_an_interval_from_few_runs_is_wider_than_its_draws_say() -> None:
+    draws = np.linspace(-1, 1, 100_001)
+    wide, narrow = (interval95(draws, runs)[1] for runs in (5, 1_000))
+    assert narrow == pytest.approx(0.95, abs=0.002)
+    # Student's quantile of 4 degrees of freedom is 2.776; the normal share above 3.104 is 0.00096.
+    assert wide == pytest.approx(1 - 2 * 0.00096, abs=2e-5)
+    assert interval95(draws, 2) == pytest.approx([-1, 1])
