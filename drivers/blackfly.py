@@ -385,7 +385,10 @@ def carry_out(nodes: NodeMap, steps: Iterable[Step], kind: CameraType) -> list[D
             _LOG.debug("%s: no %s, passed over", nodes.serial, step.node)
             continue
         done.append(_carry_out(nodes, step, name))
-        _LOG.debug("%s: %s = %s (asked %s)", nodes.serial, name, done[-1].now, done[-1].asked)
+        if isinstance(step, Execute):
+            _LOG.debug("%s: %s", nodes.serial, name)
+        else:
+            _LOG.debug("%s: %s = %s (asked %s)", nodes.serial, name, done[-1].now, done[-1].asked)
     return done
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import resource
 import statistics
 import subprocess
 import sys
@@ -161,11 +162,20 @@ def rate(seconds: float) -> None:
 def first_frame() -> None:
     with stored_pair(*SIZES[0]) as addresses, tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", "from rig.cli.main import main; main()", "collect"]
-        command += ["--perturb", "none", "--frames", "1", "-v"]
+        command += ["--perturb", "none", "--frames", "1", "-q"]
         command += ["--cameras", f"aravis:{addresses.primary},{addresses.secondary}"]
-        begin_s = time.perf_counter()
+        begin_s, spent_s = time.perf_counter(), children_s()
         subprocess.run([*command, "--out", str(Path(folder) / "run")], check=True)
-        print(f"one recorded pair {time.perf_counter() - begin_s:.2f} s after the command")
+        print(
+            f"one recorded pair {time.perf_counter() - begin_s:.2f} s after the command, "
+            f"{children_s() - spent_s:.2f} s of processor time"
+        )
+
+
+def children_s() -> float:
+    """Return the processor time of the processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def main() -> None:
