@@ -51,6 +51,13 @@ RIDGE_LOOKS, RIDGE_DARKER = 6, 0.75
 RIDGE_STEP, BESIDE_STEP = 1.6, 1.2
 """The second simplex: a factor traded between exposure and gain, and one of brightness."""
 
+SEARCHABLE_DN = (30.0, 225.0)
+FROM_BLACK, FROM_WHITE, CENTRINGS_MAX = 8.0, 0.25, 8
+"""Before a search a picture beyond these means is brought towards mid-grey, by such factors."""
+
+LOOKS, LUCK = 3, 0.1
+"""Frames at rest whose mean metric is kept, and how much luckier the best of a search may be."""
+
 ROUNDING = 1e-9
 """What a logarithm and its inverse may add."""
 FLAT_FRAMES_MAX = 3
@@ -84,6 +91,8 @@ class ShinController:
     _evaluations: int = field(init=False, default=0)
     _searches: int = field(init=False, default=0)
     _flat_frames: int = field(init=False, default=0)
+    _centrings: int = field(init=False, default=0)
+    _looks: list[float] = field(init=False, default_factory=list)
     _arrival: Arrival = field(init=False, default_factory=Arrival)
 
     def __post_init__(self) -> None:
@@ -108,7 +117,7 @@ class ShinController:
         self._limits = limits
         self._command = Auto().start.clamp(limits)
         self._score = self._search = self._best = None
-        self._evaluations = self._searches = self._flat_frames = 0
+        self._evaluations = self._searches = self._flat_frames = self._centrings = 0
         self._arrival = Arrival()
         return self._command
 
@@ -120,17 +129,18 @@ class ShinController:
             return self._continue_search(self._search, frame.used, score)
         if score.flat:
             return self._steer(frame)
-        if self._best is None or abs(score.score + self._best.cost) > self._tolerance:
+        if self._best is not None and self._is_near(self._best, score.score):
+            return self._command
+        if self._is_searchable(frame):
             return self._start_search(frame, score)
-        return self._command
+        return self._centre(frame)
 
     def diagnostics(self) -> Diagnostics:
-        """Return the phase (search, hold or flat), the metric and the length of the search."""
+        """Return the phase (search, hold, flat or centre), the metric and the search's length."""
         if self._score is None:
             return {}
-        resting = "flat" if self._best is None else "hold"
         return {
-            "phase": resting if self._search is None else "search",
+            "phase": self._phase(self._score.flat),
             "score": self._score.score,
             "gradient": self._score.gradient,
             "entropy": self._score.entropy,
@@ -138,6 +148,40 @@ class ShinController:
             "evaluations": float(self._evaluations),
             "searches": float(self._searches),
         }
+
+    def _phase(self, flat: bool) -> str:
+        if self._search is not None:
+            return "search"
+        if self._best is not None:
+            return "hold"
+        return "flat" if flat else "centre"
+
+    def _is_near(self, best: Evaluation, score: float) -> bool:
+        """Return whether the metric is still that of the best place.
+
+        The best of many noisy looks was a lucky one: the first frames at rest correct it.
+        """
+        lucky = LUCK if not self._looks else 0.0
+        if abs(score + best.cost) > self._tolerance + lucky:
+            return False
+        if len(self._looks) < LOOKS:
+            self._looks.append(score)
+            self._best = Evaluation(best.point, -sum(self._looks) / len(self._looks))
+        return True
+
+    def _is_searchable(self, frame: Frame) -> bool:
+        """Return whether the picture is neither nearly black nor nearly white, or stays so."""
+        lowest_dn, highest_dn = SEARCHABLE_DN
+        return lowest_dn <= mean_dn(frame.image) <= highest_dn or self._centrings >= CENTRINGS_MAX
+
+    def _centre(self, frame: Frame) -> Command:
+        """Go to the middle of the settings that bring the mean to mid-grey."""
+        self._search = self._best = None
+        self._centrings += 1
+        mean = mean_dn(frame.image)
+        factor = FROM_WHITE if mean > MIDDLE_DN else min(MIDDLE_DN / max(mean, 1.0), FROM_BLACK)
+        self._command = ridge_middle(brightness_us(frame.used) * factor, self._limits)
+        return self._command
 
     def _steer(self, frame: Frame) -> Command:
         """Give up searching and move the mean to mid-grey."""
@@ -153,6 +197,7 @@ class ShinController:
         self._best = Evaluation(first, -score.score)
         self._rest = frame.used.clamp(self._limits)
         self._evaluations, self._searches = 1, self._searches + 1
+        self._centrings, self._looks = 0, []
         self._search = self._all_rounds(self._best, others)
         return self._ask(self._search, next(self._search))
 
@@ -246,16 +291,29 @@ def ridge(best: Settings, limits: Limits) -> list[Settings]:
 
     Darker, because amplified noise saturates sooner: the best brightness falls with gain.
     """
+    return [
+        _on_ridge(
+            brightness_us(best) * (RIDGE_DARKER if look % 2 == 0 else 1.0),
+            look / (RIDGE_LOOKS - 1),
+            limits,
+        )
+        for look in range(RIDGE_LOOKS)
+    ]
+
+
+def ridge_middle(brightness_us: float, limits: Limits) -> Settings:
+    """Return the middle, in logarithms, of all settings that are so bright."""
+    return _on_ridge(brightness_us, 0.5, limits)
+
+
+def _on_ridge(brightness_us: float, share: float, limits: Limits) -> Settings:
+    """Return settings of a brightness: 0 with the shortest exposure, 1 with the longest."""
     shortest_us, longest_us = limits.exposure_us
     least, most = (gain_factor(gain) for gain in limits.gain_db)
-    places = []
-    for look in range(RIDGE_LOOKS):
-        brightness = brightness_us(best) * (RIDGE_DARKER if look % 2 == 0 else 1.0)
-        first_us, last_us = max(shortest_us, brightness / most), min(longest_us, brightness / least)
-        exposure_us = first_us * (last_us / first_us) ** (look / (RIDGE_LOOKS - 1))
-        amplified_db = gain_db(max(brightness / exposure_us, 1.0))
-        places.append(Settings(exposure_us, amplified_db).clamp(limits))
-    return places
+    possible_us = min(max(brightness_us, shortest_us * least), longest_us * most)
+    first_us, last_us = max(shortest_us, possible_us / most), min(longest_us, possible_us / least)
+    exposure_us = first_us * (last_us / first_us) ** share
+    return Settings(exposure_us, gain_db(max(possible_us / exposure_us, 1.0))).clamp(limits)
 
 
 def beside_simplex(best: Settings, limits: Limits) -> list[Settings]:

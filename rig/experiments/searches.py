@@ -194,7 +194,11 @@ def words_of_quality(values: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-STEP_PLACE, STEP_PAIR, STEP_FACTOR = "underpass", 30, 10.0
+STEP_PLACE, STEP_FACTOR = "underpass", 10.0
+STEP_PAIR, LATE_STEP_PAIR = 30, 250
+"""The light grows early, as in `light_step=10@30`, and when even the slowest has settled."""
+
+FRAMES_AFTER, QUICK_FRAMES_AFTER = 250, 90
 STEADY_EV = 0.25
 LAST_FRAMES = 10
 FOLLOWERS = (
@@ -216,44 +220,54 @@ FOLLOWERS = (
 
 def light_step(job: Job) -> dict[str, Any]:
     """Return how many frames each controller takes to follow tenfold light."""
-    frames = 120 if job.quick else 300
-    pieces = [(spec, frames) for spec in FOLLOWERS]
+    after = QUICK_FRAMES_AFTER if job.quick else FRAMES_AFTER
+    pieces = [(spec, after) for spec in FOLLOWERS]
     rows = []
     for row in in_processes(_follow, pieces, process_count(job.processes)):
         rows.append(row)
         job.advance(len(rows), len(pieces))
     rows.sort(key=lambda row: FOLLOWERS.index(row["controller"]))
-    return {"schema": "rig.light-step/1", "step": f"10@{STEP_PAIR}", "controllers": rows}
+    return {"schema": "rig.light-step/2", "factor": STEP_FACTOR, "controllers": rows}
 
 
 def _follow(piece: tuple[str, int]) -> dict[str, Any]:
-    """Return how one controller followed the light."""
-    spec, frames = piece
-    controller = make_controller(spec, seed=0, networks={}).controller
-    used: list[Settings] = []
-    means: list[float] = []
+    """Return how one controller followed the light, early and late."""
+    spec, after = piece
     with closing(open_source("sim:tunnel?split=train&seed=0&size=320x240", seed=0)) as source:
         assert isinstance(source, SimulatedSource)
         camera = StillCamera(source, PLACES[STEP_PLACE])
-        program = camera.program()
-        program.ask(controller.reset(THESIS_LIMITS))
-        for pair in range(frames):
-            light = STEP_FACTOR if pair >= STEP_PAIR else 1.0
-            frame = camera.take(program.next_exposure(), light)
-            used.append(frame.used)
-            means.append(mean_dn(frame.image))
-            program.saw(frame.image)
-            program.ask(controller.step(frame))
+        early, _ = _watch(spec, camera, STEP_PAIR, STEP_PAIR + after)
+        late, means = _watch(spec, camera, LATE_STEP_PAIR, LATE_STEP_PAIR + after)
     return {
         "controller": spec,
-        "frames_to_converge": frames_to_converge(tuple(used)),
-        "settled_before": frames_to_converge(tuple(used[:STEP_PAIR]), 0) is not None,
-        "mean_before_dn": means[STEP_PAIR - 1],
+        "frames_to_converge": frames_to_converge(early, STEP_PAIR),
+        "frames_once_settled": frames_to_converge(late, LATE_STEP_PAIR),
+        "settles_before": frames_to_converge(late[:LATE_STEP_PAIR], 0) is not None,
+        "mean_before_dn": means[LATE_STEP_PAIR - 1],
         "mean_after_dn": means[-1],
     }
 
 
-def frames_to_converge(used: tuple[Settings, ...], step: int = STEP_PAIR) -> int | None:
+def _watch(
+    spec: str, camera: StillCamera, step: int, frames: int
+) -> tuple[tuple[Settings, ...], list[float]]:
+    """Return the settings used and the means seen, of a drive that the light changes at `step`."""
+    controller = make_controller(spec, seed=0, networks={}).controller
+    program = camera.program()
+    program.ask(controller.reset(THESIS_LIMITS))
+    used: list[Settings] = []
+    means: list[float] = []
+    for pair in range(frames):
+        light = STEP_FACTOR if pair >= step else 1.0
+        frame = camera.take(program.next_exposure(), light)
+        used.append(frame.used)
+        means.append(mean_dn(frame.image))
+        program.saw(frame.image)
+        program.ask(controller.step(frame))
+    return tuple(used), means
+
+
+def frames_to_converge(used: tuple[Settings, ...], step: int) -> int | None:
     """Return after how many frames from the step on brightness stays within a quarter stop.
 
     The settings of the last frame are where it went; None when the last ten still move.
@@ -270,15 +284,18 @@ def frames_to_converge(used: tuple[Settings, ...], step: int = STEP_PAIR) -> int
 def words_of_steps(values: Mapping[str, Any]) -> str:
     """Return the followers as Markdown."""
     lines = [
-        "| controller | frames | settled before | mean before | mean at the end |",
+        f"| controller | frames, light at pair {STEP_PAIR} | at pair {LATE_STEP_PAIR} "
+        "| mean before | mean at the end |",
         "|---|---|---|---|---|",
     ]
     for row in values["controllers"]:
-        frames = row["frames_to_converge"]
-        told = "does not settle" if frames is None else str(frames)
+        early, late = (
+            "does not settle" if row[key] is None else str(row[key])
+            for key in ("frames_to_converge", "frames_once_settled")
+        )
+        unsettled = "" if row["settles_before"] else ", from motion"
         lines.append(
-            f"| `{row['controller']}` | {told} | {'yes' if row['settled_before'] else 'no'} "
-            f"| {row['mean_before_dn']:.0f} "
-            f"| {row['mean_after_dn']:.0f} |"
+            f"| `{row['controller']}` | {early} | {late}{unsettled} "
+            f"| {row['mean_before_dn']:.0f} | {row['mean_after_dn']:.0f} |"
         )
     return "\n".join(lines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -144,6 +144,35 @@ def test_a_flat_wall_is_brought_to_mid_grey(value: int) -> None:
     command = controller.step(frame)
     assert isinstance(command, Settings)
     assert (command.exposure_us > used.exposure_us) == (value < 128)
+
+
+@pytest.mark.parametrize(("dn_per_us", "frames"), [(0.04, 2), (5.0, 2)])
+def test_a_search_begins_from_a_picture_that_shows_something(dn_per_us: float, frames: int) -> None:
+    controller, camera = ShinController(), SlowCamera(dn_per_us=dn_per_us)
+    taken = drive(controller, camera, 1)
+    assert (phase(controller), controller.diagnostics()["evaluations"]) == ("centre", 0.0)
+    drive(controller, camera, frames)
+    assert phase(controller) == "search"
+    assert (camera.asked[-1].exposure_us > taken[0].used.exposure_us) == (dn_per_us < 1)
+
+
+def test_a_dark_world_is_searched_all_the_same() -> None:
+    controller, camera = ShinController(), SlowCamera(dn_per_us=4e-5)
+    drive(controller, camera, 90)
+    assert phase(controller) == "hold"
+
+
+def test_the_first_frames_at_rest_correct_a_lucky_best() -> None:
+    controller, camera = ShinController(tolerance="0.01"), SlowCamera()
+    drive(controller, camera, 60)
+    assert phase(controller) == "hold"
+    seen = float(controller.diagnostics()["score"])
+    assert controller._best is not None
+    controller._best = replace(controller._best, cost=-seen - 0.09)
+    controller._looks.clear()
+    drive(controller, camera, 5)
+    assert (phase(controller), controller.diagnostics()["searches"]) == ("hold", 1.0)
+    assert controller._best.cost == pytest.approx(-seen, abs=1e-3)
 
 
 def test_a_short_search_can_be_asked_for() -> None:

@@ -157,4 +157,4 @@ def test_items_are_found_by_name() -> None:
     ],
 )
 def test_convergence_is_when_brightness_stays(exposures: list[float], frames: int | None) -> None:
-    assert frames_to_converge(tuple(Settings(e, 0.0) for e in exposures)) == frames
+    assert frames_to_converge(tuple(Settings(e, 0.0) for e in exposures), 30) == frames
