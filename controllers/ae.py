@@ -18,9 +18,9 @@ class AeController:
     Raises ValueError when one is out of range.
     """
 
-    gain_db: float = 10.0
-    target_dn: float = 110.0
-    damping: float = 0.5
+    gain_db: float = 20.0
+    target_dn: float = 140.0
+    damping: float = 0.0
     exposure_us_max: float = 30_000.0
     metering: str = "average"
     start_us: float = 1_000.0

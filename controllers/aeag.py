@@ -45,10 +45,10 @@ class AeagController:
         }
     }
 
-    target_dn: float = 110.0
-    damping: float = 0.5
-    exposure_us_max: float = THESIS_LIMITS.exposure_us[1]
-    metering: str = "average"
+    target_dn: float = 140.0
+    damping: float = 0.0
+    exposure_us_max: float = 4_000.0
+    metering: str = "partial"
     priority: str = "gain"
     start_us: float = 1_000.0
     start_db: float = 0.0

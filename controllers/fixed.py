@@ -12,8 +12,8 @@ from rig.core.types import Command, Diagnostics, Frame, Limits, Settings
 class FixedController:
     """Keeps `exposure_us` and `gain_db`; raises ValueError when they are no settings."""
 
-    exposure_us: float = 5_000.0
-    gain_db: float = 0.0
+    exposure_us: float = 500.0
+    gain_db: float = 20.0
     _settings: Settings = field(init=False)
 
     def __post_init__(self) -> None:

@@ -37,7 +37,7 @@ class KimController:
     length: float = 2.5
     ridge: float = 3.0
     noise: float = 0.05
-    keep: float = 0.2
+    keep: float = 0.5
     gain_db_max: float = 12.0
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)

@@ -29,7 +29,9 @@ CONTROLLERS: Mapping[str, str] = {
 """The class of each controller, in the module of the controller's name; loaded when asked for."""
 
 ALIASES: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    f"mean-{percent}": ("mean", {"percent": f"{percent}"}) for percent in (30, 50, 70)
+    "mean-30": ("mean", {"percent": "30", "exposure_us_max": "2000"}),
+    "mean-50": ("mean", {"percent": "50"}),
+    "mean-70": ("mean", {"percent": "70"}),
 }
 """Further names: a controller and options that it is given beforehand."""
 

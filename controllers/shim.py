@@ -41,14 +41,14 @@ class ShimController:
     """
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Mapping[str, str]]]] = {
-        "version": {"2018": {"kp": "1.6"}}
+        "version": {"2014": {"kp": "0.2"}}
     }
 
-    version: int = 2014
-    kp: float = 0.2
+    version: int = 2018
+    kp: float = 1.6
     d: float = 0.1
     gain: str = "fixed"
-    gain_db: float = 0.0
+    gain_db: float = 10.0
     exposure_us_max: float = THESIS_LIMITS.exposure_us[1]
     _limits: Limits = field(init=False, default=THESIS_LIMITS)
     _tables: list[NDArray[np.uint8]] = field(init=False, repr=False)

@@ -1,8 +1,8 @@
 """Noise-aware exposure control by searching the settings themselves (Shin et al. 2019).
 
 Every frame is one evaluation of the metric. A search starts around the settings of a frame, ends
-after at most 50 evaluations, and its best settings hold until the metric of a frame leaves the
-best by more than the tolerance (thesis 5.2.1, "convergence criterion").
+after at most `evaluations_max` of them, and its best settings hold until the metric of a frame
+leaves the best by more than the tolerance (thesis 5.2.1, "convergence criterion").
 """
 
 from __future__ import annotations
@@ -76,10 +76,10 @@ class ShinController:
     Raises ValueError for an option out of range.
     """
 
-    tolerance: str = "mid"
+    tolerance: str = "0.5"
     variant: str = "authors"
     cost_spread: float = 1e-5
-    evaluations_max: int = 50
+    evaluations_max: int = 15
     rounds: int = 2
     _tolerance: float = field(init=False)
     _limits: Limits = field(init=False, default_factory=Limits)

@@ -54,10 +54,10 @@ class ZhangController:
     """
 
     pivot: float = 0.7
-    rate: float = 1.0
+    rate: float = 3.0
     gain: str = "heuristic"
     gain_db: float = 0.0
-    exposure_us_max: float = THESIS_LIMITS.exposure_us[1]
+    exposure_us_max: float = 4_000.0
     _limits: Limits = field(init=False, default=THESIS_LIMITS)
     _derivative: float = field(init=False, default=0.0)
     _mean_dn: float = field(init=False, default=0.0)

@@ -65,6 +65,7 @@ def _line(exposures: int, gains: int) -> Iterable[Settings]:
 
 SEARCHERS = (
     Searcher("shin", "score", _rectangle(30.0), 50),
+    Searcher("shin:evaluations_max=50", "score", _rectangle(30.0), 50),
     Searcher("kim", "metric", _rectangle(12.0), 10),
     Searcher("lu", "entropy_bits", _line, None),
 )
@@ -210,7 +211,7 @@ FOLLOWERS = (
     "mean-70",
     "geomean",
     "lu",
-    "shim",
+    "shim:version=2014",
     "shim:version=2018",
     "zhang",
     "kim",

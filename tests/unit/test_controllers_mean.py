@@ -29,7 +29,9 @@ def asked(controller: MeanController, mean_dn: int, used: Settings) -> Settings:
 
 def test_one_step_reaches_the_target() -> None:
     used = Settings(2_000.0, 0.0)
-    assert asked(MeanController(percent=50), 51, used) == Settings(5_000.0, 0.0)
+    assert asked(MeanController(percent=50, exposure_us_max=30_000.0), 51, used) == Settings(
+        5_000.0, 0.0
+    )
 
 
 def test_gain_makes_up_for_a_capped_exposure() -> None:

@@ -80,7 +80,7 @@ def test_ae_keeps_its_gain_and_aeag_knows_the_vendor() -> None:
     assert isinstance(narrow, Auto)
     assert narrow.limits.gain_db == (12.0, 12.0)
     vendor = make_controller("aeag:preset=vendor", seed=0, networks={}).controller
-    assert vendor == AeagController(110.0, 0.5, 30_000.0)
+    assert vendor == AeagController(110.0, 0.5, 30_000.0, "average", "gain")
     own = make_controller("aeag:preset=vendor,damping=0.2", seed=0, networks={})
     assert own.options["damping"] == "0.2"
     with pytest.raises(UsageError, match="unknown preset 'vendr'; did you mean 'vendor'"):
@@ -119,16 +119,16 @@ def test_shim_moves_exposure_by_the_published_law(version: int) -> None:
     assert controller._factor(1.0) == pytest.approx(1.0)
 
 
-def test_shim_2018_has_its_own_gain() -> None:
-    named = make_controller("shim:version=2018", seed=0, networks={})
-    assert (named.options["version"], named.options["kp"]) == ("2018", "1.6")
-    given = make_controller("shim:version=2018,kp=0.7", seed=0, networks={})
+def test_shim_2014_has_its_own_gain() -> None:
+    named = make_controller("shim:version=2014", seed=0, networks={})
+    assert (named.options["version"], named.options["kp"]) == ("2014", "0.2")
+    given = make_controller("shim:version=2014,kp=0.7", seed=0, networks={})
     assert given.options["kp"] == "0.7"
 
 
 def test_shim_leaves_the_dark_and_the_white_behind() -> None:
     for dn_per_us in (0.005, 5.0):
-        last = settle(ShimController(), 200, dn_per_us)[-1]
+        last = settle(ShimController(gain_db=0), 200, dn_per_us)[-1]
         assert 25 < shoot(last, dn_per_us).image.mean() < 220
 
 
@@ -152,7 +152,7 @@ def test_zhang_falls_back_on_the_mean_and_steps_by_a_tenth() -> None:
 
 
 def test_zhang_climbs_until_over_exposure_pulls_it_back() -> None:
-    last = settle(ZhangController(gain="fixed"), 400)[-1]
+    last = settle(ZhangController(gain="fixed", exposure_us_max=30_000.0), 400)[-1]
     image = shoot(last).image
     assert 100 < image.mean() <= 190
     assert np.percentile(image, 99) > 200
@@ -165,7 +165,7 @@ def test_zhang_climbs_until_over_exposure_pulls_it_back() -> None:
 def test_zhang_moves_gain_where_exposure_passes_its_marks(
     exposure_us: float, gain_db: float, change_db: float
 ) -> None:
-    moved = ZhangController()._move(Settings(exposure_us, gain_db), 1.05)
+    moved = ZhangController(exposure_us_max=30_000.0)._move(Settings(exposure_us, gain_db), 1.05)
     assert moved.gain_db == pytest.approx(gain_db + change_db)
     expected = 1.05 * brightness_us(Settings(exposure_us, gain_db))
     assert brightness_us(moved) == pytest.approx(expected)
