@@ -42,13 +42,13 @@ class PathRecipe:
 
     seed: int = 0
     width: int = 1
-    steps: tuple[int, ...] = (1500, 1000, 1000)
+    steps: tuple[int, ...] = (2000, 1500, 1500)
     learning_rates: tuple[float, ...] = (2e-3, 1.5e-3, 1.5e-3)
-    batch_size: int = 96
+    batch_size: int = 256
     behaviours: int = 8
     own_journeys: int = 2
     objective: str = "values"
-    temperature: float = 0.1
+    temperature: float = 0.05
     smoothing: float = 0.0
     noise: float = 0.25
     weight_decay: float = 1e-2
@@ -60,7 +60,7 @@ def make_recipe(
     seed: int,
     steps: Sequence[int] = (),
     learning_rate: float = 2e-3,
-    batch_size: int = 96,
+    batch_size: int = 256,
 ) -> PathRecipe:
     """Return a recipe with these options; later stages learn at three quarters of the rate.
 
