@@ -16,14 +16,14 @@ from rig.bulk import Workers, run_tasks
 from rig.cli.attach import check_attached
 from rig.cli.exits import OK
 from rig.cli.judge import REPORT, figure, judge, table
-from rig.cli.options import make_folder
+from rig.cli.options import make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.aggregate import aggregate
 from rig.evaluation.differences import differences
 from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
-from rig.evaluation.pictures import judge_pictures
+from rig.evaluation.pictures import judge_pictures, natural_order
 from rig.evaluation.report.league import ranking, write_league
 from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import RACE_SIDES, Summary
@@ -52,7 +52,7 @@ def evaluate(
     Parameters
     ----------
     recordings:
-        Runs, or videos, or folders of pictures.
+        Runs, folders of runs as `rig race --seeds` leaves them, videos, folders of pictures.
     front_end:
         Front ends with their options, both when absent, as races are judged: orb, viso2,
         orb:size=full,features=5000,viso2:half=no, ...
@@ -79,24 +79,27 @@ def evaluate(
     front_ends = parse_front_ends(front_end)
     if trajectories is not None and "viso2" not in front_ends:
         raise UsageError("--trajectories needs odometry: add --front-end orb,viso2")
-    runs = [path for path in recordings if is_recording(path)]
-    films = [path for path in recordings if not is_recording(path)]
+    paths = [inner for path in recordings for inner in unfolded(path)]
+    runs = [path for path in paths if is_recording(path)]
+    films = [path for path in paths if not is_recording(path)]
     if undistort and films:
         raise UsageError(f"--undistort: {films[0]} carries no calibration; leave it out")
     for folder in (trajectories, out):
         if folder is not None:
-            make_folder(folder)
+            run_folder(folder, "evaluate")
     for path in runs:
         check_attached(open_recording(path), terminal)
     how = How(front_end, undistort)
     judged = judge_runs(runs, how, Workers(workers, dask), terminal)
     if trajectories is not None:
+        make_folder(trajectories)
         for name, summary in zip(names_of(runs), judged, strict=True):
             write_ways(trajectories, name, summary)
     pictures = {str(path): film(path, step, front_ends, terminal) for path in films}
     values = together(judged) | ({"pictures": pictures} if pictures else {})
     text = words(values)
     if out is not None:
+        make_folder(out)
         publish_league(out, values)
         text += f"\nreport: {out / REPORT}"
     terminal.result(text, values)
@@ -104,7 +107,7 @@ def evaluate(
 
 
 def publish_league(folder: Path, values: dict[str, Any]) -> None:
-    """Write evaluation.json and report.html of many runs into a folder."""
+    """Write evaluation.json and report.html of many runs into a folder that is there."""
     text = json.dumps(values, indent=2)
     (folder / "evaluation.json").write_text(text + "\n", encoding="utf-8")
     write_league(folder / REPORT, values)
@@ -169,6 +172,14 @@ def write_ways(folder: Path, name: str, summary: Summary) -> None:
         true = odometry.truth.only(times_s).since(WARM_UP_PAIRS - 1)
         if len(true):
             write_tum(folder / f"{name}-truth.tum", times_s, true)
+
+
+def unfolded(path: Path) -> list[Path]:
+    """Return the runs in a folder of runs, as a race over seeds leaves; else the path itself."""
+    if not path.is_dir() or any(path.glob("*.mcap")):
+        return [path]
+    runs = {file.parent for file in path.glob("*/*.mcap")}
+    return sorted(runs, key=natural_order) or [path]
 
 
 def is_recording(path: Path) -> bool:

@@ -86,7 +86,7 @@ def _of_folder(folder: Path) -> Generator[NDArray[np.uint8]]:
     if not names:
         endings = " ".join(sorted(PICTURE_SUFFIXES))
         raise RecordingError(f"{folder}: no picture in this folder; looked for {endings}")
-    for name in sorted(names, key=_natural):
+    for name in sorted(names, key=natural_order):
         bgr = cv2.imread(str(name), cv2.IMREAD_COLOR)
         if bgr is None:
             raise RecordingError(f"{name}: cannot be read as a picture; repair or remove it")
@@ -110,7 +110,7 @@ def _grey(bgr: NDArray[Any]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def natural_order(path: Path) -> list[tuple[int, str]]:
     """Return a sort key in which runs of digits compare as numbers."""
     return [
         (int(part), "") if part.isdigit() else (-1, part)

@@ -70,6 +70,9 @@ def test_seeds_are_compared_over_all(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "aeag vs aeag" in values["differences"]
     page = (out / "report.html").read_text()
     assert page.count("seed 1:") == page.count("seed 2:") == 2
+    code, text, _ = said(capsys, "evaluate", out, "--json", "-q")
+    assert code == 0
+    assert json.loads(text) == values, "a folder of runs is its runs, in their order"
 
 
 def test_verify_finds_a_run_sound(race_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -144,6 +147,17 @@ def test_ways_are_written_one_file_a_side_and_the_true_one(
     told = np.loadtxt(folder / "run-left.tum")
     assert set(told[:, 0]) <= set(true[:, 0])
     assert (folder / "run_2-left.tum").read_bytes() == (folder / "run-left.tum").read_bytes()
+
+
+def test_a_failed_evaluation_leaves_no_folder(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "note.txt").write_text("no film")
+    arguments = (tmp_path / "note.txt", "--out", tmp_path / "league")
+    code, _, error = said(capsys, "evaluate", race_folder, *arguments, "--front-end", "orb")
+    assert code == 1
+    assert "note.txt: cannot be read as a video" in error
+    assert not (tmp_path / "league").exists()
 
 
 def test_trajectories_need_the_front_end_that_tells_them(

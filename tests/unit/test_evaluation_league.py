@@ -65,10 +65,14 @@ def test_the_table_is_the_evaluation(values: dict[str, Any], text: str) -> None:
         }
 
 
-def test_every_run_is_a_dot_and_its_sides_are_the_controllers(text: str) -> None:
+def test_every_run_is_a_dot_and_its_sides_are_the_controllers(text: str, tmp_path: Path) -> None:
     for label in ("seed 1: 600 and 500", "seed 2: 520 and 450", "seed 3: 400 and 410"):
         assert f"<title>{label}</title>" in text
     assert text.count('<circle class="solid left"') == 2 * 3
+    swapped = [run(7, "a", (9, 1), "b", (8, 2)) | {"command": "rig race a b --swap"}]
+    write_league(tmp_path / "r.html", {**aggregate(swapped),
+                 "differences": {"a vs b": apart(1, None)}})  # fmt: skip
+    assert "<title>seed 7 swap: 9 and 8</title>" in (tmp_path / "r.html").read_text()
     assert "SIMULATED" in text
     assert "League of 3 controllers" in text
 

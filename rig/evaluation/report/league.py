@@ -13,7 +13,7 @@ from rig.evaluation.report.page import assets, environment
 from rig.evaluation.report.wording import FRONT_END_NAMES, labels, number
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS
 
-WIDTH, LEFT, RIGHT = 460, 60, 444
+WIDTH, LEFT, RIGHT = 460, 84, 444
 ROW_PX, TOP_PX, BOTTOM_PX = 15, 8, 34
 
 Values = Mapping[str, Any]
@@ -124,7 +124,8 @@ def _ordered(run: Values, names: tuple[str, str]) -> tuple[str, Values, Values]:
     left, right = run["left"], run["right"]
     if (left["controller"], right["controller"]) != names:
         left, right = right, left
-    return f"seed {run['seed']}", left["orb"], right["orb"]
+    swapped = " swap" if "--swap" in run["command"].split() else ""
+    return f"seed {run['seed']}{swapped}", left["orb"], right["orb"]
 
 
 def verdict(names: tuple[str, str], result: Values, apart: Values) -> str:
