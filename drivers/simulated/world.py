@@ -37,8 +37,9 @@ class World:
         self._planned += 1
 
     def catch_up(self) -> None:
-        """Let everything happen that is due by now."""
-        while self._events and self._events[0][0] <= self.clock.now_ns():
+        """Let everything happen that is due by now; what comes due meanwhile is left."""
+        now_ns = self.clock.now_ns()
+        while self._events and self._events[0][0] <= now_ns:
             self._happen()
 
     def run_until(self, done: Callable[[], bool], deadline_ns: int) -> bool:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import time
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from plane_scene import HEIGHT_PX, WIDTH_PX
 from served_pair import needs_aravis, plane_plan, served
 
 from rig.cli.main import run
@@ -84,3 +87,17 @@ def test_a_race_over_gige_is_the_race_in_process(tmp_path: Path) -> None:
     assert summaries[0]["left"].get("orb") == summaries[1]["left"].get("orb")
     assert summaries[0]["right"].get("orb") == summaries[1]["right"].get("orb")
     assert run(["verify", str(tmp_path / "gige-sim")]) == 0
+
+
+def test_a_computer_that_is_too_slow_for_free_run_slows_the_cameras_down() -> None:
+    def slowly(sequence: int, used: Settings) -> NDArray[np.uint8]:
+        time.sleep(0.06)
+        return np.zeros((HEIGHT_PX, WIDTH_PX), np.uint8)
+
+    with (
+        served(plane_plan(take_picture=Pair(slowly, slowly))) as server,
+        closing(opened(server, "free-run", 50.0)) as source,
+    ):
+        pair = CameraPair(source)
+        assert any(shoot(pair, 2_000.0 + k).cause == "" for k in range(6))
+        assert source.segments.number == 1

@@ -58,6 +58,8 @@ class Imager:
     """Takes pictures as the registers say; the frame ids count exposures since the start.
 
     `epoch_ns` is what the camera's own clock counts from, `id_bits` how far its frame ids count.
+    A camera at its own pace that `may_slow_down` waits for a computer that makes its pictures more
+    slowly than it exposes.
     """
 
     world: World
@@ -67,6 +69,7 @@ class Imager:
     epoch_ns: int = 0
     id_bits: int = 64
     first_id: int = 0
+    may_slow_down: bool = False
     output_wires: dict[int, list[Edge]] = field(default_factory=dict)
     _camera: SimulatedCamera | None = None
     _sequence: int = 0
@@ -230,7 +233,10 @@ class Imager:
         if self.registers.number("AcquisitionFrameRateEnable"):
             wanted_ns = round(NS_PER_S / self.registers.number("AcquisitionFrameRate"))
             period_ns = max(wanted_ns, us_to_ns(settings.exposure_us) + _FREE_RUN_HEADROOM_NS)
-        self.world.at(time_ns + period_ns, lambda now_ns: self._run_free(now_ns, camera))
+        next_ns = time_ns + period_ns
+        if self.may_slow_down:
+            next_ns = max(next_ns, self.world.clock.now_ns())
+        self.world.at(next_ns, lambda now_ns: self._run_free(now_ns, camera))
 
     def _show_now(self) -> Settings:
         return Settings(self.registers.number("ExposureTime"), self.registers.number("Gain"))

@@ -118,6 +118,7 @@ class Device:
             epoch_ns=plan.clock_offsets_ns[self.side],
             id_bits=16 if plan.short_ids else 64,
             first_id=plan.first_id,
+            may_slow_down=True,
             output_wires=self.output_wires,
         )
         extended = not plan.short_ids
