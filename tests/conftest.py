@@ -56,4 +56,6 @@ class SkipWatch:
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(SkipWatch(), "skip-watch")
     if bus.can_build() and config.option.markexpr != "hardware":
-        bus.load(config.cache.mkdir("usb-stand-in"))  # before anything brings Aravis in
+        bus.load(
+            config.rootpath / ".pytest_cache" / "usb-stand-in"
+        )  # before anything brings Aravis in
