@@ -35,6 +35,7 @@ class StreamChannel:
     _queue: deque[deque[Packet]] = field(default_factory=deque)
     _kept: OrderedDict[int, list[Packet]] = field(default_factory=OrderedDict)
     _due_ns: int = 0
+    _connected: tuple[str, int] | None = None
 
     def __post_init__(self) -> None:
         self.sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
@@ -106,6 +107,14 @@ class StreamChannel:
         if not destination[1]:
             return 0
         try:
-            return self.sender.sendmsg(packet, [], 0, destination)
+            if destination != self._connected:
+                self._connect(destination)
+            return self.sender.sendmsg(packet)
         except OSError:
             return 0
+
+    def _connect(self, destination: tuple[str, int]) -> None:
+        """Send to one client from now on, which is quicker than to name it for every packet."""
+        self.sender.connect(destination)
+        self.sender.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)  # of a client that hung up
+        self._connected = destination
