@@ -19,7 +19,7 @@ Points = NDArray[np.float64]
 _MARKER_SHARE = 0.75
 _SMALLEST_GRID = 3
 _REFINE_PX = (3.0, 15.0)
-_LONGEST_MOVE_PX = 1.0
+_LONGEST_MOVE_SHARE = 0.5
 _CELL_SHARE, _GAP_SHARE = 0.4, 0.125
 """How far from a corner there is nothing but its four squares, as a share of the spacing: on a
 ChArUco board the markers begin at an eighth."""
@@ -105,7 +105,7 @@ def _refine(grey: Grey, px: Points, half_px: float) -> Points:
     """Return the corners moved to where the gradients within `half_px` agree (Forstner).
 
     On demosaiced pictures this halves the error of the detector's own subpixels. A corner that
-    jumps has been drawn to something else, and stays.
+    moves by half of that was drawn to something else, and stays.
     """
     half = int(min(max(half_px, _REFINE_PX[0]), _REFINE_PX[1]))
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
@@ -113,7 +113,7 @@ def _refine(grey: Grey, px: Points, half_px: float) -> Points:
     start = px.astype(np.float32).reshape(-1, 1, 2)
     found = cv2.cornerSubPix(soft, start.copy(), (half, half), (-1, -1), stop)
     fine = np.asarray(found, np.float64).reshape(-1, 2)
-    jumped = np.linalg.norm(fine - px, axis=1) > _LONGEST_MOVE_PX
+    jumped = np.linalg.norm(fine - px, axis=1) > _LONGEST_MOVE_SHARE * half
     return np.where(jumped[:, None], px, fine)
 
 

@@ -12,7 +12,7 @@ from rig.core.errors import CalibrationError
 from rig.core.types import Frame, Limits, Settings, Side
 from rig.core.units import gain_factor
 
-LONGEST_US = 1_000_000.0
+LONGEST_US = 3_000_000.0
 GAINS_DB = (0.0, 12.0, 24.0)
 FRAMES_EACH = 4
 
