@@ -46,6 +46,11 @@ ITEMS: Mapping[str, Item] = {
         "light_step",
         "words_of_steps",
     ),
+    "metric-paths": Item(
+        "tables 4.2 to 4.4, figs. 3.1 and 4.8: what each image metric's choice is worth",
+        "rig.experiments.metric_paths",
+        "compare",
+    ),
     "fig-4.7": Item(
         "whether more features in a picture give a better pose",
         "rig.experiments.feature_count",
