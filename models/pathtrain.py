@@ -17,6 +17,7 @@ from rig.models.fit import Checkpoint
 from rig.models.names import SCORE_MAPS
 from rig.models.pathfit import PathFit, PathRecipe, StageProgress, StageResult
 from rig.models.paths import DriveSource, PathTargets
+from rig.models.plot import write_losses
 from rig.models.scoremap import ScoreMapEnsemble
 from rig.models.seen import SeenDrive
 from rig.models.split import Split, hold_back
@@ -130,6 +131,8 @@ def train_paths(
         parameters=sum(weights.numel() for weights in network.parameters()),
     )
     write_path_card(result)
+    curves = [(f"seed {f.recipe.seed}", [stage.loss for stage in f.history]) for f in fits]
+    write_losses(out.with_suffix(".svg"), curves, "stage")
     for member in range(members):
         _checkpoint(out, member).unlink(missing_ok=True)
     return result

@@ -14,6 +14,8 @@ from rig.models.card import TrainingResult, write_card
 from rig.models.dataset import Batch, Samples
 from rig.models.export import export_network
 from rig.models.fit import Checkpoint, Fit, Progress, Recipe, identity
+from rig.models.plot import write_losses
+from rig.models.search import best_recipe
 from rig.models.split import hold_back
 from rig.models.targets import Targets, refuse_existing
 
@@ -30,12 +32,14 @@ def train(
     batch_size: int = 64,
     learning_rate: float = 1e-4,
     patience: int = 5,
+    search: int = 0,
     held_back: Sequence[str] = (),
     half: bool = False,
     progress: Progress | None = None,
 ) -> TrainingResult:
-    """Train `net` on target files and write `out` (ONNX) with its model card beside it.
+    """Train `net` on target files and write `out` (ONNX) with its model card and losses beside it.
 
+    With `search`, so many trainings choose the learning rate and the batch size first.
     `held_back` names recordings to validate on; without it one world in five is held back, and
     of a single world none. `half` stores the weights in half precision. An interrupted training
     leaves a checkpoint beside `out`; the same call goes on from the last whole epoch and ends in
@@ -53,6 +57,10 @@ def train(
     if len(training) < 2:
         raise ModelError(f"{len(training)} training samples are too few: record more")
     digest = _sha256(targets)
+    log = out.with_suffix(f".{digest[:8]}.search")
+    if search:
+        report = progress or (lambda _: None)
+        recipe = best_recipe(recipe, search, training, validation, log, report)
     checkpoint = Checkpoint(
         out.with_suffix(".checkpoint"),
         identity(recipe, digest, [source.sha256 for source in split.held_back]),
@@ -82,8 +90,16 @@ def train(
         parity=parity,
     )
     write_card(result)
+    write_losses(out.with_suffix(".svg"), _curves(fit), "epoch")
     checkpoint.remove()
+    log.unlink(missing_ok=True)
     return result
+
+
+def _curves(fit: Fit) -> list[tuple[str, list[float]]]:
+    held_back = [loss.validation for loss in fit.history if loss.validation is not None]
+    curves = [("training, with dropout", [loss.training for loss in fit.history])]
+    return [*curves, ("held back", held_back)] if held_back else curves
 
 
 def _fit(

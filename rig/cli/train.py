@@ -27,6 +27,7 @@ def train(
     batch_size: int | None = None,
     learning_rate: float | None = None,
     patience: int | None = None,
+    search: int | None = None,
     hold_back: tuple[str, ...] = (),
     half: bool = False,
     seed: int = 0,
@@ -54,6 +55,8 @@ def train(
         1e-4 when absent; the highest one of a score map's first stage, 2e-3.
     patience:
         Epochs without a better held-back loss before it ends, 5 when absent; not for score maps.
+    search:
+        Try so many learning rates and batch sizes first, drawn at random; not for score maps.
     hold_back:
         Recordings or worlds to validate on; one world in five when absent.
     half:
@@ -62,11 +65,11 @@ def train(
     given = {"batch_size": batch_size, "learning_rate": learning_rate}
     try:
         if net in SCORE_MAPS:
-            _refuse(net, epochs=epochs, patience=patience)
+            _refuse(net, epochs=epochs, patience=patience, search=search)
             recipe = _map_recipe(net, seed, steps, given)
             return _train_map(targets, net, out, recipe, members, hold_back, half, terminal)
         _refuse(net, steps=steps or None, members=members)
-        given |= {"epochs": epochs, "patience": patience}
+        given |= {"epochs": epochs, "patience": patience, "search": search}
         return _train_thesis(targets, net, out, given, seed, hold_back, half, terminal)
     except ModuleNotFoundError as error:
         if error.name != "torch":

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,6 +16,8 @@ from rig.core.errors import ModelError, UsageError
 from rig.models.dataset import Samples
 from rig.models.fit import Checkpoint, EpochLoss, Fit, Recipe, exposure_loss
 from rig.models.networks import NETWORKS, Architecture, Stage
+from rig.models.search import best_recipe
+from rig.models.targets import Targets
 from rig.models.train import train
 
 TOY = Architecture(
@@ -157,7 +160,8 @@ def test_train_leaves_a_proven_network_and_its_card(files: list[Path], tmp_path:
         files, "toy", out,
         seed=1, epochs=12, batch_size=8, learning_rate=3e-3, patience=12, progress=seen.append,
     )  # fmt: skip
-    assert sorted(path.name for path in out.parent.iterdir()) == ["net.md", "net.onnx"]
+    assert sorted(path.name for path in out.parent.iterdir()) == ["net.md", "net.onnx", "net.svg"]
+    assert "held back" in out.with_suffix(".svg").read_text()
     assert result.model == out
     assert result.parity.difference <= 1e-5
     assert result.parity.spread >= 0.01
@@ -181,6 +185,24 @@ def test_train_leaves_a_proven_network_and_its_card(files: list[Path], tmp_path:
 
     with pytest.raises(UsageError, match=r"net\.onnx exists"):
         train(files, "toy", out)
+
+
+def test_a_search_keeps_the_best_of_what_it_drew(files: list[Path], tmp_path: Path) -> None:
+    targets = [Targets.load(path) for path in files]
+    worlds = [frozenset(source.sha256 for source in file.recordings) for file in targets]
+    training, validation = (Samples(targets, world) for world in worlds)
+    given, log = replace(RECIPE, epochs=2, learning_rate=1e-6), tmp_path / "net.search"
+    best = best_recipe(given, 4, training, validation, log, _quiet)
+    losses = dict(json.loads(line) for line in log.read_text().splitlines())
+    assert len(losses) == 4
+    assert losses[f"{best.learning_rate:g} {best.batch_size}"] == min(losses.values())
+
+    def refuse(_now: object) -> None:
+        raise AssertionError("a finished trial is not repeated")
+
+    assert best_recipe(given, 4, training, validation, log, refuse) == best
+    with pytest.raises(UsageError, match="a world to hold back"):
+        best_recipe(given, 4, training, Samples(targets, frozenset()), log, _quiet)
 
 
 def test_same_seed_same_file_and_resumed_file(files: list[Path], tmp_path: Path) -> None:
