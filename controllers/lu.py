@@ -41,7 +41,7 @@ class LuController:
     range.
     """
 
-    threshold_dn: float = 40.0
+    threshold_dn: float = 80.0
     coarse: int = 9
     halvings: int = 3
     _limits: Limits = field(init=False, default_factory=Limits)
