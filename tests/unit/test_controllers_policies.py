@@ -148,13 +148,13 @@ def test_the_follower_strays_from_what_the_leader_used() -> None:
 
 
 def test_without_perturbation_the_follower_copies_the_used_settings() -> None:
-    policy = collect("none", "fixed:exposure_us=5000")
+    policy = collect("none", "fixed:exposure_us=5000,gain_db=0")
     assert policy.reset(BOTH) == Pair(Settings(5_000.0, 0.0), Settings(5_000.0, 0.0))
     assert policy.decide(frames(primary_us=4_998.5)).secondary.command == Settings(4_998.5, 1.0)
 
 
 def test_the_follower_keeps_to_its_own_limits() -> None:
-    policy = collect("none", "fixed:exposure_us=5000")
+    policy = collect("none", "fixed:exposure_us=5000,gain_db=0")
     narrow = Limits((75.0, 1_500.0), (0.0, 0.5))
     assert policy.reset(Pair(THESIS_LIMITS, narrow)).secondary == Settings(1_500.0, 0.0)
     assert policy.decide(frames()).secondary.command == Settings(1_500.0, 0.5)
