@@ -213,6 +213,8 @@ def _simulated(cameras: str, seed: int) -> SimulatedSource:
             f"{cameras}: a bound needs every setting at the same pose, which only simulated "
             "cameras can give; try sim:tunnel"
         )
+    if source.drive.place_s is not None:
+        raise UsageError(f"{cameras}: a bound is of a drive; leave out stand=")
     return source
 
 
