@@ -51,6 +51,11 @@ ITEMS: Mapping[str, Item] = {
         "rig.experiments.metric_paths",
         "compare",
     ),
+    "fig-5.9": Item(
+        "what four ways to make targets ask for along a drive through an underpass",
+        "rig.experiments.target_profiles",
+        "profiles",
+    ),
     "fig-4.7": Item(
         "whether more features in a picture give a better pose",
         "rig.experiments.feature_count",

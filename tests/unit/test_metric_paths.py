@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.experiments import target_profiles
 from rig.experiments.metric_paths import (
     FRONT_END,
     LITERATURE,
@@ -47,3 +48,14 @@ def test_a_small_plan_gives_all_tables(tmp_path: Path) -> None:
     assert values["best"]["median"]["grid"] >= 1
     text = words(values)
     assert "Table 4.2" in text and "Table 4.4" in text and "| Road |" in text
+
+
+def test_windowed_targets_jump_less_than_those_of_the_next_pose(tmp_path: Path) -> None:
+    job = Job(tmp_path, True, 1, lambda _text: None, lambda _done, _total: None)
+    values = target_profiles.profiles(job)
+    rows = values["profiles"]
+    assert set(rows) == set(target_profiles.WAYS)
+    assert rows["feat"]["jump_ev"] > rows["feat, windowed"]["jump_ev"] > 0
+    mean = np.mean([rows[f"{w}, windowed"]["gain_db"] for w in ("feat", "grid")], axis=0)
+    assert np.allclose(rows["hybrid, windowed"]["gain_db"], mean)
+    assert "| feat, windowed |" in target_profiles.words(values)
