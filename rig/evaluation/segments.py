@@ -128,11 +128,15 @@ def _transition(stops: Column, before: Run, after: Run) -> range:
     """Return the rows between two steady lights, around the border of their stretches."""
     from_stops, to_stops = (float(np.median(stops[a : b + 1])) for _, a, b in (before, after))
     near = PLATEAU_SHARE * abs(to_stops - from_stops)
-    left = np.abs(stops[before[1] : before[2] + 1] - from_stops) <= near
-    right = np.abs(stops[after[1] : after[2] + 1] - to_stops) <= near
-    first = before[1] + int(np.flatnonzero(left)[-1]) + 1
-    last = after[1] + int(np.flatnonzero(right)[0]) - 1
-    return range(first, last + 1)
+    left = _rows_near(stops[before[1] : before[2] + 1], from_stops, near)
+    right = _rows_near(stops[after[1] : after[2] + 1], to_stops, near)
+    return range(before[1] + int(left[-1]) + 1, after[1] + int(right[0]))
+
+
+def _rows_near(stops: Column, level: float, near: float) -> NDArray[np.intp]:
+    """Return the rows within `near` of a level; the nearest ones where there are none."""
+    apart = np.abs(stops - level)
+    return np.flatnonzero(apart <= max(near, float(apart.min())))
 
 
 def _stretches(kinds: Sequence[Kind]) -> Iterator[Segment]:

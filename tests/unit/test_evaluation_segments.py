@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from synthetic_run import SyntheticRun
@@ -82,6 +82,7 @@ def test_gaps_in_the_light_are_bridged() -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.floats(0, 1e5) | st.just(float("nan")), max_size=60))
+@example([0.0, 0.0, 0.0, 2e4, 0.0, np.nan, 2e-58, 6e4, np.nan, 4e-25, 3e4, 6e4, 7e4])
 def test_every_row_is_in_one_segment(light: list[float]) -> None:
     found = segments(np.array(light))
     rows = [row for segment in found for row in range(segment.first, segment.last + 1)]
