@@ -78,12 +78,12 @@ class Seen:
 
 FULL = Plan(
     (
-        Trajectory("In-Out tunnel A", "sim:tunnel?seed=0", 8.2, 0.05, 12),
-        Trajectory("In-Out tunnel B", "sim:tunnel?seed=1", 8.2, 0.05, 12),
-        Trajectory("Out-In tunnel A", "sim:tunnel?seed=0", 2.6, 0.05, 12),
-        Trajectory("Out-In tunnel B", "sim:tunnel?seed=1", 2.6, 0.05, 12),
-        Trajectory("Inside tunnel", "sim:tunnel?seed=2", 6.0, 0.05, 12),
-        Trajectory("Road", "sim:road?seed=0", 3.0, 0.05, 12),
+        Trajectory("In-Out tunnel A", "sim:tunnel?seed=0", 7.0, 0.1, 12),
+        Trajectory("In-Out tunnel B", "sim:tunnel?seed=1", 7.0, 0.1, 12),
+        Trajectory("Out-In tunnel A", "sim:tunnel?seed=0", 2.4, 0.1, 12),
+        Trajectory("Out-In tunnel B", "sim:tunnel?seed=1", 2.4, 0.1, 12),
+        Trajectory("Inside tunnel", "sim:tunnel?seed=2", 5.0, 0.1, 12),
+        Trajectory("Road", "sim:road?seed=0", 3.0, 0.1, 12),
         Trajectory("Doorway", "sim:doorway?seed=0", 3.0, 0.2, 12),
         Trajectory("Door, stationary", "sim:door?seed=0", 1.0, 0.4, 12),
         Trajectory("Indoor hallway", "sim:indoor?seed=0&place=hallway", 1.0, 0.2, 12),
@@ -94,7 +94,7 @@ FULL = Plan(
 )
 SMALL = Plan(
     (
-        Trajectory("In-Out tunnel", "sim:tunnel?seed=0", 8.2, 0.1, 4),
+        Trajectory("In-Out tunnel", "sim:tunnel?seed=0", 7.2, 0.2, 4),
         Trajectory("Road", "sim:road?seed=0", 3.0, 0.1, 3),
     ),
     exposures=8,
