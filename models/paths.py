@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bulk import Workers
 from rig.core.errors import RecordingError, UsageError
 from rig.models.grid import SettingsGrid, path_grid
 from rig.models.seen import SeenDrive, see_drives
-from rig.models.workers import process_count
 
 SCHEMA = "rig.paths/1"
 
@@ -102,9 +102,8 @@ def make_paths(
     if frames is not None and frames < 2:
         raise UsageError(f"--frames must be at least 2, got {frames}")
     grid = path_grid()
-    seen = see_drives(
-        cameras, grid, frames=frames, processes=process_count(processes), progress=progress
-    )
+    workers = Workers(processes)
+    seen = see_drives(cameras, grid, frames=frames, workers=workers, progress=progress)
     return PathTargets(grid, tuple(seen), tuple(map(_source, seen)))
 
 

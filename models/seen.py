@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rig.bulk import Workers, run_all
 from rig.config import load_camera_model
 from rig.core.errors import UsageError
 from rig.core.types import Settings, Truth
@@ -26,7 +27,6 @@ from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.source import SimulatedSource
 from rig.models.grid import SettingsGrid
 from rig.models.tracking import FeatureSets, count_moves, feature_sets, flow
-from rig.models.workers import in_processes
 from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail
@@ -65,7 +65,7 @@ def see_drives(
     grid: SettingsGrid,
     *,
     frames: int | None,
-    processes: int,
+    workers: Workers,
     progress: Progress,
 ) -> list[SeenDrive]:
     """Return the drives of simulated cameras, in their order; worlds are of the train split.
@@ -76,7 +76,7 @@ def see_drives(
     for address in addresses:
         if addresses.count(address) > 1:
             raise UsageError(f"{address} is named twice")
-    lengths = dict(in_processes(_length, addresses, processes))
+    lengths = dict(run_all(_length, addresses, workers))
     pieces = [
         (address, start, min(start + _POSES_A_PIECE, last))
         for address in addresses
@@ -85,7 +85,7 @@ def see_drives(
     ]
     seen: dict[tuple[str, int, int], Arrays] = {}
     progress(0, len(pieces))
-    for piece, arrays in in_processes(partial(_piece, grid), pieces, processes):
+    for piece, arrays in run_all(partial(_piece, grid), pieces, workers):
         seen[piece] = arrays
         progress(len(seen), len(pieces))
     return [_joined(address, [seen[p] for p in pieces if p[0] == address]) for address in addresses]

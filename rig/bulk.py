@@ -11,7 +11,7 @@ import logging
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -49,9 +49,12 @@ class Workers:
 
     def __post_init__(self) -> None:
         if self.processes is not None and self.processes < 1:
-            raise UsageError(f"--workers must be at least 1, got {self.processes}")
+            raise UsageError(f"the number of processes must be at least 1, got {self.processes}")
         if self.processes is not None and self.dask:
-            raise UsageError("--workers and --dask exclude each other: the cluster has its own")
+            raise UsageError(
+                f"{self.processes} local processes and --dask exclude each other: a cluster has "
+                "workers of its own"
+            )
 
     @property
     def count(self) -> int:
@@ -95,6 +98,14 @@ def run_tasks(
         else:
             failed[done.name] = done.error
     _raise(failed, len(tasks))
+
+
+def run_all(
+    work: Callable[[Task], Result], tasks: Sequence[Task], workers: Workers = LOCAL
+) -> Iterator[Result]:
+    """Yield the result of each task as it finishes; tasks are named by their words."""
+    for _, result in run_tasks(work, {str(task): task for task in tasks}, workers):
+        yield result
 
 
 def _second_try(

@@ -27,7 +27,6 @@ from rig.drivers.registry import Address, open_source, parse_address
 from rig.drivers.scenes.cache import cache_folder, cached
 from rig.drivers.simulated.source import SimulatedSource
 from rig.experiments.sweeps import Bench, Counts, SettingsGrid, settings_grid
-from rig.models.workers import process_count
 
 WARM_UP_PAIRS = 10
 """Pairs that are recorded but not counted."""
@@ -113,7 +112,7 @@ def find_bound(
     starts = range(first, triggers - 1, _PAIRS_A_PIECE)
     pieces = [(start, min(start + _PAIRS_A_PIECE, triggers - 1)) for start in starts]
     tasks = {f"pairs {first} to {last - 1}": (first, last) for first, last in pieces}
-    workers = Workers(dask=dask) if dask else Workers(process_count(processes))
+    workers = Workers(processes, dask)
     done: dict[int, Counts] = {}
     report = progress or (lambda _done, _total: None)
     report(0, triggers - 1 - first)

@@ -27,7 +27,6 @@ from rig.drivers.scenes.scene import Scene
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.source import SimulatedSource
 from rig.experiments.reproduce import Job
-from rig.models.workers import process_count
 from rig.vision.bayer import to_bgr, to_grey
 from rig.vision.metrics import score
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
@@ -113,7 +112,7 @@ def compare_plan(plan: Plan, job: Job) -> dict[str, Any]:
     job.say(f"SIMULATED: {count} trajectories, {places} places, {plan.exposures} exposures each")
     tasks = {trajectory.name: trajectory for trajectory in plan.trajectories}
     found: dict[str, dict[str, Any]] = {}
-    workers = Workers(process_count(job.processes))
+    workers = Workers(job.processes)
     for name, values in run_tasks(partial(_walk, plan), tasks, workers):
         found[name] = values
         job.advance(len(found), count)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.bulk import Workers, run_all
 from rig.controllers.registry import make_controller
 from rig.controllers.split import brightness_us
 from rig.core.types import THESIS_LIMITS, Frame, Settings
@@ -24,7 +25,6 @@ from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.program import ExposureProgram
 from rig.drivers.simulated.source import SimulatedSource
 from rig.experiments.reproduce import Job
-from rig.models.workers import in_processes, process_count
 from rig.vision.metrics import mean_dn
 
 PLACES = {"street": 12, "underpass": 50, "plaza": 105}
@@ -109,7 +109,7 @@ def search_quality(job: Job) -> dict[str, Any]:
     places = ["underpass"] if job.quick else list(PLACES)
     trials = [Trial(i, place, size, grid) for i in range(len(SEARCHERS)) for place in places]
     rows = []
-    for row in in_processes(try_search, trials, process_count(job.processes)):
+    for row in run_all(try_search, trials, Workers(job.processes)):
         rows.append(row)
         job.advance(len(rows), len(trials))
     rows.sort(key=lambda row: (row["controller"], row["place"]))
@@ -224,7 +224,7 @@ def light_step(job: Job) -> dict[str, Any]:
     after = QUICK_FRAMES_AFTER if job.quick else FRAMES_AFTER
     pieces = [(spec, after) for spec in FOLLOWERS]
     rows = []
-    for row in in_processes(_follow, pieces, process_count(job.processes)):
+    for row in run_all(_follow, pieces, Workers(job.processes)):
         rows.append(row)
         job.advance(len(rows), len(pieces))
     rows.sort(key=lambda row: FOLLOWERS.index(row["controller"]))

@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.bulk import Workers, run_all
 from rig.controllers.registry import make_controller
 from rig.core.errors import RigError, UsageError
 from rig.drivers.registry import open_source
@@ -25,7 +26,6 @@ from rig.drivers.scenes.worlds import NAMES
 from rig.experiments.reproduce import Job
 from rig.experiments.rivals import CONSTANTS, QUICK, RIVALS, Variants
 from rig.experiments.solo import run_solo
-from rig.models.workers import in_processes, process_count
 
 MATCHES_SPARED = 20
 """Added to a minimum: the inliers under which a pair is blind."""
@@ -217,10 +217,10 @@ def _race(
 ) -> None:
     """Drive what was not driven yet, and add it to `races` and to the file."""
     pieces = _pieces(plan, races, variants, places)
-    processes = process_count(job.processes)
-    job.say(_estimate(plan, pieces, variants, places, processes))
+    workers = Workers(job.processes)
+    job.say(_estimate(plan, pieces, variants, places, workers.count))
     with path.open("a", encoding="utf-8") as file:
-        for done, batch in enumerate(in_processes(_run, pieces, processes), start=1):
+        for done, batch in enumerate(run_all(_run, pieces, workers), start=1):
             for race in batch:
                 file.write(json.dumps(asdict(race)) + "\n")
                 races[race.key] = race

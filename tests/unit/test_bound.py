@@ -101,7 +101,7 @@ def test_a_drive_has_a_bound_that_no_constant_beats_and_that_is_remembered(
     [
         ({"grid": (9, 4)}, "at least 10 exposures x 4 gains"),
         ({"frames": 10}, "not counted"),
-        ({"processes": 0}, "--processes"),
+        ({"processes": 0}, "number of processes"),
     ],
 )
 def test_a_bound_that_means_nothing_is_refused(options: dict[str, object], complaint: str) -> None:

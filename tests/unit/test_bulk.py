@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from synthetic_run import SyntheticRun
 
-from rig.bulk import ALONE, BulkError, Workers, run_tasks
+from rig.bulk import ALONE, BulkError, Workers, run_all, run_tasks
 from rig.cli.evaluate import How, judge_run
 from rig.core.errors import RecordingError, RigError, UsageError
 from rig.models.targets import make_targets
@@ -67,6 +67,12 @@ SLOW_TWO = [ALONE, pytest.param(Workers(2), marks=pytest.mark.heavy)]
 @pytest.mark.parametrize("workers", LOCAL_WAYS, ids=["alone", "two", "default"])
 def test_results_are_the_same_everywhere(workers: Workers) -> None:
     assert dict(run_tasks(squared, TASKS, workers)) == {f"number {n}": n * n for n in range(6)}
+
+
+def test_tasks_without_names_are_named_by_their_words() -> None:
+    assert sorted(run_all(squared, [3, 1, 2], ALONE)) == [1, 4, 9]
+    with pytest.raises(BulkError, match="1: recording 1 is damaged"):
+        list(run_all(odd_fail, [0, 1, 2], ALONE))
 
 
 @pytest.mark.parametrize("workers", LOCAL_WAYS[:2], ids=["alone", "two"])

@@ -123,7 +123,7 @@ def test_pieces_join_as_if_they_were_one(monkeypatch: pytest.MonkeyPatch) -> Non
         ([WALL, WALL], {}, "named twice"),
         (["replay:/nowhere"], {}, "only simulated cameras"),
         ([WALL], {"frames": 1}, "at least 2"),
-        ([WALL], {"processes": 0}, "--processes"),
+        ([WALL], {"processes": 0}, "number of processes"),
     ],
 )
 def test_cameras_that_cannot_be_seen_are_refused(
