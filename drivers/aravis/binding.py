@@ -71,6 +71,20 @@ def aravis_version() -> tuple[int, int, int]:
     )
 
 
+def _description(device_address: int) -> str | None:
+    """Return the XML of a device; None where it has none.
+
+    Asked of the library itself: Aravis' text has a size and no zero at its end, and the binding,
+    which knows of no size, reads on into whatever follows (arv_device_get_genicam_xml, 0.8.26).
+    """
+    ask = ctypes.CDLL(_SHARED_OBJECT).arv_device_get_genicam_xml
+    ask.restype = ctypes.c_void_p
+    ask.argtypes = (ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t))
+    size_bytes = ctypes.c_size_t()
+    text = ask(device_address, ctypes.byref(size_bytes))
+    return ctypes.string_at(text, size_bytes.value).decode() if text else None
+
+
 @contextmanager
 def translated(serial: str, what: str) -> Iterator[None]:
     """Turn an error of GLib into CameraLost or CameraError that names the camera."""
@@ -288,9 +302,12 @@ class Opened:
 
     def description(self) -> str:
         """Return the GenICam XML by which the camera describes itself."""
-        with translated(self.serial, "reading its description"):
-            text, size_bytes = self._device.get_genicam_xml()
-            return str(text.encode()[:size_bytes].decode())  # what follows is not the camera's
+        text = _description(hash(self._device))
+        if text is None:
+            raise CameraError(
+                f"{self.serial}: gives no GenICam description; connect it anew and try again"
+            )
+        return text
 
     @property
     def control_lost(self) -> bool:
