@@ -15,7 +15,7 @@ from rig.drivers.scenes.vehicle import shaken_drive
 from rig.drivers.scenes.weather import daylight, draw_weather, world_rng
 from rig.drivers.scenes.world import Plan
 
-ROAD_VERSION = "road/1"
+ROAD_VERSION = "road/2"
 
 _DRIVE_M = 12.0 * 13.9
 _BEHIND_M = 40.0

@@ -22,7 +22,7 @@ from rig.drivers.scenes.vehicle import shaken_drive
 from rig.drivers.scenes.weather import Weather, daylight, draw_weather, world_rng
 from rig.drivers.scenes.world import Plan
 
-ROUTE_VERSION = "route/1"
+ROUTE_VERSION = "route/2"
 
 _DRIVE_S = 71.0
 _USUAL_MPS = 13.9

@@ -20,11 +20,15 @@ def shaken_drive(
     roughness: tuple[Knot, ...] = (),
     timetable: Timetable | None = None,
 ) -> Drive:
-    """Return a drive in the right lane with weave, body motion and vibration of drawn phases."""
+    """Return a drive in the right lane whose weave, body motion and vibration `rng` varies.
+
+    Each wave's amplitude is drawn within 25 % of the usual one, its frequency within 15 %.
+    """
 
     def wave(amplitude: float, frequency_hz: float) -> Wave:
-        jitter = rng.uniform(0.85, 1.15)
-        return Wave(amplitude, frequency_hz * jitter, rng.uniform(0, 2 * math.pi))
+        drawn_amplitude = amplitude * rng.uniform(0.75, 1.25)
+        drawn_hz = frequency_hz * rng.uniform(0.85, 1.15)
+        return Wave(drawn_amplitude, drawn_hz, rng.uniform(0, 2 * math.pi))
 
     return Drive(
         path=path,
