@@ -24,8 +24,12 @@ from rig.drivers.scenes.world import Plan
 
 ROUTE_VERSION = "route/2"
 
-_DRIVE_S = 71.0
+_DRIVE_S = 76.0
+"""Every loop at the usual speed lasts this long: the stops take what the moving leaves."""
 _USUAL_MPS = 13.9
+_BEYOND_M = 8.0
+"""The drive ends this far behind its start, so that its last turn is over."""
+_LINE_M = 6.0
 _TURN_M = 14.0 * math.pi / 2 + 6.0
 _TURN_PER_M = 1 / 14.0
 _VERGE_M = 11.0
@@ -53,16 +57,35 @@ class Layout:
 
     sides: tuple[Side, ...]
     bends: tuple[Bend, ...]
-    stops: tuple[Stop, ...]
+    wait_weights: tuple[float, ...]
     weather: Weather
     lamp_cd_m2: float
     lamp_step_m: float
     rough_outside: float
+    open_share: float
 
     @property
     def length_m(self) -> float:
         """Return the length of the loop."""
         return self.sides[-1].end_m
+
+    @property
+    def drive_m(self) -> float:
+        """Return the length of the drive: the loop and a little more."""
+        return self.length_m + _BEYOND_M
+
+    @property
+    def lines_m(self) -> tuple[float, ...]:
+        """Return where the lines are at which the vehicle stops."""
+        return tuple(side.turn_m - _LINE_M for side in self.sides[:3])
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """Return where the vehicle waits for how long."""
+        moving_s = float(paced(_USUAL_MPS, _pace(self, self.lines_m), self.drive_m).time_s[-1])
+        per_weight_s = (_DRIVE_S - moving_s) / math.fsum(self.wait_weights)
+        waits = zip(self.lines_m, self.wait_weights, strict=True)
+        return tuple(Stop(line_m, weight * per_weight_s) for line_m, weight in waits)
 
 
 def draw_layout(rng: np.random.Generator) -> Layout:
@@ -78,15 +101,15 @@ def draw_layout(rng: np.random.Generator) -> Layout:
     lengths[2] += float(end[2])
     lengths[3] += float(end[0])
     sides, bends = _block(lengths, entrances, tube_m, turn)
-    stops = [Stop(sides[k].turn_m - 6.0, rng.uniform(2.0, 3.0)) for k in (0, 1, 2)]
     return Layout(
         sides=tuple(sides),
         bends=tuple(bends),
-        stops=tuple(stops),
+        wait_weights=tuple(rng.uniform(0.8, 1.25) for _ in range(3)),
         weather=draw_weather(rng, math.pi, 180.0),
         lamp_cd_m2=rng.uniform(265e3, 300e3),
         lamp_step_m=rng.uniform(5.0, 7.0),
         rough_outside=rng.uniform(4.0, 5.0),
+        open_share=rng.uniform(0.92, 1.08),
     )
 
 
@@ -117,7 +140,8 @@ def route(seed: int, split: str, speed_mps: float) -> Plan:
     layout = draw_layout(rng("layout"))
     path = Path(layout.bends, layout.length_m)
     light = daylight(layout.weather, rng("sky"))
-    timetable = paced(speed_mps, _pace(layout), layout.length_m, layout.stops)
+    pace = _pace(layout, layout.lines_m)
+    timetable = paced(speed_mps, pace, layout.drive_m, layout.stops)
     return Plan(
         key=f"route {split} {seed}",
         version=ROUTE_VERSION,
@@ -128,7 +152,7 @@ def route(seed: int, split: str, speed_mps: float) -> Plan:
         drive=shaken_drive(
             rng("motion"), path, speed_mps, roughness=_roughness(layout), timetable=timetable
         ),
-        drive_s=_DRIVE_S * _USUAL_MPS / speed_mps,
+        drive_s=float(timetable.time_s[-1]),
     )
 
 
@@ -136,17 +160,17 @@ def _tubes(layout: Layout) -> list[Side]:
     return [side for side in layout.sides if math.isfinite(side.entrance_m)]
 
 
-def _pace(layout: Layout) -> tuple[Knot, ...]:
+def _pace(layout: Layout, stops_m: Sequence[float] = ()) -> tuple[Knot, ...]:
     """Return slow turns, slower still at stops, and slowed underpasses."""
     knots: list[Knot] = []
-    stopping = {stop.s_m for stop in layout.stops}
+    free = layout.open_share
     for side in layout.sides:
         if math.isfinite(side.entrance_m):
-            knots += [Knot(side.entrance_m - 10.0, 1.0), Knot(side.entrance_m, 0.6)]
-            knots += [Knot(side.exit_m, 0.6), Knot(side.exit_m + 15.0, 1.0)]
-        line = side.turn_m - 6.0
-        knots += [Knot(line - 12.0, 1.0), Knot(line, 0.12 if line in stopping else 0.55)]
-        knots += [Knot(side.turn_m, 0.55), Knot(side.end_m, 0.55), Knot(side.end_m + 15.0, 1.0)]
+            knots += [Knot(side.entrance_m - 10.0, free), Knot(side.entrance_m, 0.6)]
+            knots += [Knot(side.exit_m, 0.6), Knot(side.exit_m + 15.0, free)]
+        line = side.turn_m - _LINE_M
+        knots += [Knot(line - 12.0, free), Knot(line, 0.12 if line in stops_m else 0.55)]
+        knots += [Knot(side.turn_m, 0.55), Knot(side.end_m, 0.55), Knot(side.end_m + 15.0, free)]
     return tuple(knots)
 
 

@@ -55,26 +55,44 @@ def test_every_tunnel_begins_and_ends_in_time(split: str) -> None:
 
 
 @pytest.mark.parametrize("split", ["train", "test"])
-def test_a_route_lies_on_a_closed_block_and_stands_three_times(split: str) -> None:
-    for seed in range(12):
+def test_every_route_drives_a_whole_block_and_stands_three_times(split: str) -> None:
+    for seed in range(21):
         layout = route.draw_layout(world_rng("route", split, seed, "layout"))
         plan = worlds.WORLDS["route"](seed, split, USUAL_MPS)
         path = plan.drive.path
         assert path.at(layout.length_m) == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
-        assert path.heading_rad(layout.length_m) == pytest.approx(2 * np.pi, abs=0.02)
+        assert round(10 * plan.drive_s) == 760
+        assert passed(plan, layout.length_m) / 10 < 75.5
+        turned = [
+            path.heading_rad(side.end_m) - path.heading_rad(side.turn_m) for side in layout.sides
+        ]
+        assert turned == pytest.approx([0.5 * np.pi] * 4, abs=0.01)
         tubes = [side for side in layout.sides if np.isfinite(side.entrance_m)]
         assert [78 <= side.exit_m - side.entrance_m <= 82 for side in tubes] == [True, True]
-        assert passed(plan, layout.sides[2].end_m) / 10 < plan.drive_s
-        still = [stop for stop in layout.stops if stands(plan, passed(plan, stop.s_m) / 10)]
-        assert len(still) == 3
+        assert [stands(plan, passed(plan, stop.s_m) / 10) for stop in layout.stops] == [True] * 3
 
 
 def stands(plan: Plan, time_s: float) -> bool:
-    """Return whether the vehicle stands in the two seconds before it leaves a place."""
-    before, after = plan.drive.pose(time_s - 1.5), plan.drive.pose(time_s - 0.5)
+    """Return whether the vehicle stands for a second before it leaves a place."""
+    before, after = plan.drive.pose(time_s - 1.3), plan.drive.pose(time_s - 0.3)
     return np.array_equal(before.centre, after.centre) and np.array_equal(
         before.rotation, after.rotation
     )
+
+
+def test_routes_differ_in_pace_and_shaking() -> None:
+    plans = [worlds.WORLDS["route"](seed, "test", USUAL_MPS) for seed in range(8)]
+    begun_m = [plan.drive.pose(1.0).centre[2] - plan.drive.pose(0.0).centre[2] for plan in plans]
+    assert max(begun_m) > 1.06 * min(begun_m)
+    weave_m = [plan.drive.right[0].amplitude for plan in plans]
+    assert 1.1 * min(weave_m) < max(weave_m) <= 0.25
+
+
+def test_a_slow_route_waits_as_long_and_moves_longer() -> None:
+    usual, slow = (worlds.WORLDS["route"](3, "test", speed) for speed in (13.9, 13.9 / 2))
+    layout = route.draw_layout(world_rng("route", "test", 3, "layout"))
+    waits_s = sum(stop.wait_s for stop in layout.stops)
+    assert slow.drive_s - waits_s == pytest.approx(2 * (usual.drive_s - waits_s))
 
 
 def test_a_route_has_dark_and_bright_places_and_a_road_has_neither() -> None:
