@@ -2,7 +2,7 @@
 
 The sides of the block are numbered in the order of the drive; each ends in a right turn, and the
 last one leads back to the start. The first and the third side have an underpass with an S-bend
-and a light square behind it. Other vehicles stand still: light is baked once.
+and a light square behind it. Vehicles come towards the driver, and in some worlds one drives ahead.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.drivers.scenes import materials
-from rig.drivers.scenes.geometry import Quad
-from rig.drivers.scenes.street import ROAD_HALF_M, Street, bays
+from rig.drivers.scenes.geometry import Material, Quad
+from rig.drivers.scenes.street import LANE_M, ROAD_HALF_M, Street, bays
 from rig.drivers.scenes.textures import street_textures
-from rig.drivers.scenes.trajectories import Bend, Knot, Path, Stop, paced
+from rig.drivers.scenes.traffic import CAR, VAN, Lane, Traffic, Vehicle, box_body
+from rig.drivers.scenes.trajectories import Bend, Knot, Path, Stop, Timetable, paced
 from rig.drivers.scenes.vehicle import shaken_drive
 from rig.drivers.scenes.weather import Weather, daylight, draw_weather, world_rng
 from rig.drivers.scenes.world import Plan
@@ -153,6 +154,7 @@ def route(seed: int, split: str, speed_mps: float) -> Plan:
             rng("motion"), path, speed_mps, roughness=_roughness(layout), timetable=timetable
         ),
         drive_s=float(timetable.time_s[-1]),
+        traffic=_traffic(layout, path, speed_mps, rng("traffic")),
     )
 
 
@@ -172,6 +174,39 @@ def _pace(layout: Layout, stops_m: Sequence[float] = ()) -> tuple[Knot, ...]:
         knots += [Knot(line - 12.0, free), Knot(line, 0.12 if line in stops_m else 0.55)]
         knots += [Knot(side.turn_m, 0.55), Knot(side.end_m, 0.55), Knot(side.end_m + 15.0, free)]
     return tuple(knots)
+
+
+def _traffic(layout: Layout, path: Path, speed_mps: float, rng: np.random.Generator) -> Traffic:
+    """Return two to four vehicles that come around the block, and at times one that leads.
+
+    None of them stops, so none is caught up with: all of a lane keep to one timetable.
+    """
+    onward = _pace(layout)
+    back = [Knot(layout.length_m - knot.s_m, knot.share) for knot in reversed(onward)]
+    ahead, towards = (paced(speed_mps, pace, layout.length_m) for pace in (onward, back))
+    lanes = (Lane(path, layout.length_m, LANE_M, 1.0), Lane(path, layout.length_m, -LANE_M, -1.0))
+    count = int(rng.integers(2, 5))
+    round_s = float(towards.time_s[-1])
+    starts = [(k + rng.uniform(0.0, 0.7)) * round_s / count for k in range(count)]
+    vehicles = [_vehicle(1, towards, start_s, rng) for start_s in starts]
+    if rng.random() < 0.6:
+        lead_s = rng.uniform(2.5, 4.0) * _USUAL_MPS / speed_mps
+        vehicles.append(_vehicle(0, ahead, lead_s, rng))
+    return Traffic(lanes, tuple(vehicles))
+
+
+def _vehicle(lane: int, timetable: Timetable, start_s: float, rng: np.random.Generator) -> Vehicle:
+    """Return a vehicle that goes around by a timetable and has begun `start_s` before the drive."""
+    red, green, blue = (float(v) for v in rng.uniform(0.85, 1.12, 3))
+    size = CAR if rng.random() < 0.7 else VAN
+    paint = f"car{rng.integers(3)}"
+    sides, ends = (Material(f"{paint}{part}", None, (red, green, blue)) for part in ("", "-end"))
+    round_s = float(timetable.time_s[-1])
+
+    def driven_m(time_s: float) -> float:
+        return timetable.at((time_s + start_s) % round_s)
+
+    return Vehicle(lane, size, box_body(rng, size, sides, ends), driven_m)
 
 
 def _roughness(layout: Layout) -> tuple[Knot, ...]:
@@ -197,7 +232,7 @@ def _build(layout: Layout, street: Street) -> list[Quad]:
 
 
 def _open(street: Street, along: tuple[float, float]) -> None:
-    """Build a street with houses, trees, and vehicles beside and opposite."""
+    """Build a street with houses, trees, and vehicles beside the road."""
     for bay in bays(*along):
         street.ground(bay, materials.STREET, _VERGE_M)
         street.patch(bay[0])
@@ -205,8 +240,6 @@ def _open(street: Street, along: tuple[float, float]) -> None:
     for side, stretch in ((-1.0, outer), (1.0, inner)):
         street.houses(stretch, side)
         street.roadside(stretch, side)
-    for s_m in np.arange(along[0] + 12.0, along[1] - _TURN_M - 8.0, 26.0):
-        street.car(float(s_m + street.rng.uniform(0.0, 12.0)), -1.9)
 
 
 def _square(street: Street, along: tuple[float, float]) -> None:
@@ -234,7 +267,6 @@ def _underpass(street: Street, side: Side, layout: Layout) -> None:
     street.portal(side.entrance_m, -1.0, 17.0)
     street.portal(side.exit_m, 1.0, 17.0)
     street.inner_signs(side.entrance_m + 2.0, side.exit_m - 3.0)
-    street.van(street.rng.uniform(side.entrance_m + 8.0, side.exit_m - 12.0), -2.95)
 
 
 def _plain(street: Street, layout: Layout) -> None:

@@ -97,9 +97,9 @@ def street_textures(rng: Rng) -> dict[str, Image]:
     makers |= {f"facade{k}": _facade for k in range(4)}
     makers |= {f"sign{k}": _sign for k in range(6)}
     makers |= {f"car{k}": _car_side for k in range(3)}
-    return {
-        name: np.clip(make(rng), 0.012, 1.0).astype(np.float32) for name, make in makers.items()
-    }
+    made = {name: make(rng) for name, make in makers.items()}
+    made |= {f"car{k}-end": _car_end(made[f"car{k}"]) for k in range(3)}
+    return {name: np.clip(image, 0.012, 1.0).astype(np.float32) for name, image in made.items()}
 
 
 def _asphalt(rng: Rng) -> Image:
@@ -193,6 +193,18 @@ def _car_side(rng: Rng) -> Image:
         cv2.circle(body, (x, 215), 22, 0.4, -1)
     cv2.rectangle(body, (0, 110), (24, 140), 0.7, -1)
     return cast(Image, body)
+
+
+def _car_end(side: Image) -> Image:
+    """Return a front or rear in the paint of a side."""
+    body = np.full((256, 256), np.median(side), np.float32)
+    cv2.rectangle(body, (28, 16), (228, 110), 0.12, -1)
+    cv2.rectangle(body, (0, 192), (256, 226), 0.1, -1)
+    cv2.rectangle(body, (92, 170), (164, 190), 0.7, -1)
+    for x in (8, 204):
+        cv2.rectangle(body, (x, 126), (x + 44, 156), 0.65, -1)
+        cv2.rectangle(body, (x, 226), (x + 44, 256), 0.06, -1)
+    return body
 
 
 def _write(

@@ -19,6 +19,7 @@ from rig.drivers.scenes.geometry import Quad, Surfaces, surfaces
 from rig.drivers.scenes.light import LIGHT_VERSION, STREET_RAYS, Sunlight, bake
 from rig.drivers.scenes.raster import render
 from rig.drivers.scenes.textures import Atlas, Image, make_atlas
+from rig.drivers.scenes.traffic import MovingTraffic, Traffic, set_moving
 from rig.drivers.scenes.trajectories import Drive, Pose, Vector
 
 _FX_PER_WIDTH = 1806.0 / 2048.0
@@ -45,7 +46,8 @@ class Plan:
     """What a world is made of before any light is baked.
 
     `key` names everything that `textures` and `sky` were made from.
-    `textures` and `sky` are called only when the world is not in the cache.
+    `textures` and `sky` are called only when the world is not in the cache. A world has a change,
+    or traffic, or neither.
     """
 
     key: str
@@ -58,20 +60,27 @@ class Plan:
     drive_s: float
     rays: tuple[int, ...] = STREET_RAYS
     change: Change | None = None
+    traffic: Traffic | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A plan with its light; `light_lux` has a row for each stage of the plan's change, or one."""
+    """A plan with its light; `light_lux` has a row for each stage of the plan's change, or one.
+
+    `moving` is the plan's traffic, if it has any.
+    """
 
     plan: Plan
     surfaces: Surfaces
     atlas: Atlas
     light_lux: NDArray[np.float32]
     sky: NDArray[np.float32]
+    moving: MovingTraffic | None = None
 
     def at(self, time_s: float) -> tuple[Surfaces, NDArray[np.float32]]:
         """Return the surfaces and their light at a time; between two stages the light is mixed."""
+        if self.moving is not None:
+            return self.moving.at(time_s)
         change = self.plan.change
         if change is None:
             return self.surfaces, self.light_lux[0]
@@ -100,11 +109,17 @@ def bake_world(plan: Plan) -> World:
 
     store = cached("worlds", f"{plan.key} {plan.version} {LIGHT_VERSION} {_digest(plan)}", make)
     atlas = Atlas(tuple(store["names"].tolist()), store["texels"], store["table"], store["mean"])  # type: ignore[arg-type]
-    return World(plan, surfaces(plan.quads, atlas), atlas, store["light_lux"], store["sky"])  # type: ignore[arg-type]
+    light_lux: NDArray[np.float32] = store["light_lux"]  # type: ignore[assignment]
+    bodies = [] if plan.traffic is None else plan.traffic.bodies()
+    seen = surfaces([*plan.quads, *bodies], atlas)
+    moving = plan.traffic and set_moving(plan.traffic, seen, light_lux[0], plan.sun)
+    return World(plan, seen, atlas, light_lux, store["sky"], moving)  # type: ignore[arg-type]
 
 
 def _stages(plan: Plan) -> list[Sequence[Quad]]:
     """Return the quads for which light is baked."""
+    if plan.traffic is not None:
+        return [[*plan.quads, *plan.traffic.probes()]]
     if plan.change is None:
         return [plan.quads]
     return [plan.change.quads(k / (plan.change.stages - 1)) for k in range(plan.change.stages)]
@@ -203,8 +218,8 @@ class RenderedScene:
     def ground_lux(self, time_s: float) -> float:
         """Return the illuminance of the ground under the primary camera; 0 without ground."""
         eye = self.pose("primary", time_s).centre
-        places = [_lux_under(*self.world.at(time_s), eye + step) for step in _AROUND_M]
-        return float(np.mean(places))
+        seen, light_lux = self.world.at(time_s)
+        return float(np.mean([_lux_under(seen, light_lux, eye + step) for step in _AROUND_M]))
 
     def rendered(
         self, side: Side, time_s: float
