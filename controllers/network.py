@@ -20,6 +20,9 @@ from rig.vision.thumbnail import THUMBNAIL_PX, thumbnail
 
 SCHEMA = "rig.network/1"
 FRAMES = 3
+TOLD = 2 * (FRAMES + 1)
+"""Settings of every frame and those asked for last, exposure and gain each."""
+
 _GREY = Frame(np.full((448, 448), 128, np.uint8), "bayer_rggb8", 0, 0, 0, Auto().start)
 
 
@@ -53,6 +56,8 @@ class NetworkController:
 
     Until three frames exist the oldest is repeated. Settings go in scaled to 0..1 of the limits in
     the file's metadata (thesis eq. 4.14), the answer is clamped to 0..1 and to the camera's limits.
+    A network that takes a fourth pair of settings is told its last command too, which a slow
+    camera has yet to use.
     Raises ModelError when the file cannot be read, is no network of this interface, or answers a
     grey picture with something that is not a number.
     """
@@ -60,18 +65,22 @@ class NetworkController:
     model: Path
     _session: Any = field(init=False, repr=False)
     _picture: Picture = field(init=False, repr=False)
+    _told: int = field(init=False)
     _model_limits: Limits = field(init=False)
     _limits: Limits = field(init=False)
     _images: NDArray[np.float32] = field(init=False, repr=False)
     _settings: NDArray[np.float32] = field(init=False, repr=False)
+    _asked: Settings = field(init=False)
     _frames: int = field(init=False, default=0)
     _answer: NDArray[np.float32] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._session = _open(self.model)
         self._picture = _picture_of(self.model, self._session)
-        self._model_limits = _check(self.model, self._session, self._picture)
+        self._told = _told(self._session)
+        self._model_limits = _check(self.model, self._session, self._picture, self._told)
         self._limits = self._model_limits
+        self._asked = Auto().start
         self._forget()
         self._remember(_GREY)
         if not np.isfinite(self._run()).all():
@@ -81,7 +90,8 @@ class NetworkController:
         """Forget all frames and return the first settings: 1 ms and 0 dB, inside `limits`."""
         self._limits = limits
         self._forget()
-        return Auto().start.clamp(limits)
+        self._asked = Auto().start.clamp(limits)
+        return self._asked
 
     def step(self, frame: Frame) -> Command:
         """Return the network's settings; raises ControllerError when it answers no number."""
@@ -89,7 +99,8 @@ class NetworkController:
         answer = self._run()
         if not np.isfinite(answer).all():
             raise ControllerError(f"{self.model.name} answered {answer.tolist()}")
-        return self._unscaled(np.clip(answer, 0.0, 1.0)).clamp(self._limits)
+        self._asked = self._unscaled(np.clip(answer, 0.0, 1.0)).clamp(self._limits)
+        return self._asked
 
     def diagnostics(self) -> Diagnostics:
         """Return the answer before it was clamped, 0..1 of the network's limits."""
@@ -101,14 +112,16 @@ class NetworkController:
     def _forget(self) -> None:
         channels, rows, columns = self._picture.shape
         self._images = np.zeros((1, FRAMES * channels, rows, columns), np.float32)
-        self._settings = np.zeros((1, FRAMES * 2), np.float32)
+        self._settings = np.zeros((1, self._told), np.float32)
         self._answer = np.zeros(2, np.float32)
         self._frames = 0
 
     def _remember(self, frame: Frame) -> None:
         """Put the frame first and drop the oldest; the first frame ever fills all places."""
         picture, scaled = self._picture.make(frame), self._scaled(frame.used)
-        images, settings, channels = self._images[0], self._settings[0], len(picture)
+        images, channels = self._images[0], len(picture)
+        settings, asked = np.split(self._settings[0], [2 * FRAMES])
+        asked[:] = self._scaled(self._asked)[: len(asked)]
         if self._frames == 0:
             images[:], settings[:] = np.tile(picture, (FRAMES, 1, 1)), np.tile(scaled, FRAMES)
         images[channels:], settings[2:] = images[:-channels], settings[:-2]
@@ -176,7 +189,13 @@ def _picture_of(model: Path, session: Any) -> Picture:
     return PICTURES[name]
 
 
-def _check(model: Path, session: Any, picture: Picture) -> Limits:
+def _told(session: Any) -> int:
+    """Return how many numbers of settings the network takes: of its frames, and asked for last."""
+    shapes = [node.shape for node in session.get_inputs() if node.name == "settings"]
+    return TOLD if [shape[1:] for shape in shapes] == [[TOLD]] else 2 * FRAMES
+
+
+def _check(model: Path, session: Any, picture: Picture, told: int) -> Limits:
     """Return the limits of a network that has the right interface."""
     metadata = session.get_modelmeta().custom_metadata_map
     if metadata.get("schema") != SCHEMA:
@@ -196,7 +215,7 @@ def _check(model: Path, session: Any, picture: Picture) -> Limits:
             raise ModelError(f"{model}: {kind}s are {sorted(nodes)}, not {sorted(names)}")
     shapes = {
         "images": (FRAMES * picture.shape[0], *picture.shape[1:]),
-        "settings": (2 * FRAMES,),
+        "settings": (told,),
         "next_settings": (2,),
     }
     for name, node in {**inputs, **outputs}.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from rig.core.types import THESIS_LIMITS
 from rig.models.behaviour import RandomExposure
 from rig.models.dataset import scale_settings
 from rig.models.grid import SettingsGrid
-from rig.models.rollout import Frames, Journey, Settings2, matches, roll_out
+from rig.models.rollout import Frames, Journey, Settings2, Trip, clamped, matches, roll_out
 from rig.models.scoremap import FRAMES, ScoreMap
 from rig.models.seen import SeenDrive
 
@@ -31,6 +31,30 @@ class Score:
     min: float
 
 
+@dataclass(frozen=True, slots=True)
+class Chances:
+    """What trips are like: how late cameras are, and how often and how far the light changes.
+
+    A trip has one of `latencies`, each as likely. At `relit` of the trips the light is another
+    before or after a random pose, by `darkest` to `brightest` steps of the grid.
+    """
+
+    latencies: tuple[int, ...] = (0,)
+    relit: float = 0.0
+    darkest: int = -3
+    brightest: int = 5
+
+    def trip(self, drive: int, poses: int, rng: np.random.Generator) -> Trip:
+        """Return a trip through a drive of so many poses."""
+        latency = int(rng.choice(self.latencies))
+        if rng.random() >= self.relit:
+            return Trip(drive, latency)
+        changed = np.arange(poses) < rng.integers(poses)
+        if rng.random() < 0.5:
+            changed = ~changed
+        return Trip(drive, latency, changed * rng.integers(self.darkest, self.brightest + 1))
+
+
 class NetworkCars:
     """A policy for `roll_out`: N cars driven by one network, with errors of `noise` stops."""
 
@@ -40,13 +64,16 @@ class NetworkCars:
         self._network = network.eval()
         self._noise, self._rng = noise, rng
         self._seen: list[tuple[Frames, NDArray[np.float32]]] = []
+        self._asked: Settings2 | None = None
 
     def __call__(self, pose: int, frames: Frames, used: Settings2) -> Settings2:
         """Return the network's settings for each car."""
         self._seen = [(frames, scale_settings(used[:, 0], used[:, 1])), *self._seen][:FRAMES]
         last = self._seen + [self._seen[-1]] * (FRAMES - len(self._seen))
         images = torch.from_numpy(np.concatenate([one for one, _ in last], 1))
-        settings = torch.from_numpy(np.concatenate([one for _, one in last], 1))
+        asked = used if self._asked is None else self._asked
+        told = [*(one for _, one in last), scale_settings(asked[:, 0], asked[:, 1])]
+        settings = torch.from_numpy(np.concatenate(told, 1))
         device = next(self._network.parameters()).device
         with torch.inference_mode():
             seen = images.to(device).float() / 255
@@ -56,7 +83,8 @@ class NetworkCars:
         gain_db = low_db + answer[:, 1] * (high_db - low_db)
         if self._rng is not None and self._noise:
             exposure_us, gain_db = self._strayed(exposure_us, gain_db, self._rng)
-        return np.stack([exposure_us, gain_db], axis=1)
+        self._asked = clamped(np.stack([exposure_us, gain_db], axis=1))
+        return self._asked
 
     def _strayed(
         self,
@@ -78,12 +106,22 @@ def random_starts(cars: int, rng: np.random.Generator) -> Settings2:
 
 
 def random_journeys(
-    drives: Sequence[SeenDrive], grid: SettingsGrid, each: int, rng: np.random.Generator
+    drives: Sequence[SeenDrive],
+    grid: SettingsGrid,
+    each: int,
+    chances: Chances,
+    rng: np.random.Generator,
 ) -> list[Journey]:
-    """Return `each` journeys of random behaviours through every drive."""
-    cars = np.repeat(np.arange(len(drives)), each).tolist()
-    policy = RandomExposure(len(cars), rng)
-    return roll_out(drives, grid, cars, policy.start(), policy)
+    """Return `each` journeys of random behaviours through every drive.
+
+    They steer without latency, or they would swing; that of a trip only says how long before its
+    effect a command counts as given.
+    """
+    trips = _trips(drives, each, chances, rng)
+    policy = RandomExposure(len(trips), rng)
+    prompt = [replace(trip, latency=0) for trip in trips]
+    journeys = roll_out(drives, grid, prompt, policy.start(), policy)
+    return [replace(one, trip=trip) for one, trip in zip(journeys, trips, strict=True)]
 
 
 def own_journeys(
@@ -91,24 +129,37 @@ def own_journeys(
     drives: Sequence[SeenDrive],
     grid: SettingsGrid,
     each: int,
+    chances: Chances,
     noise: float,
     rng: np.random.Generator,
 ) -> list[Journey]:
     """Return `each` journeys of the network through every drive."""
+    trips = _trips(drives, each, chances, rng)
+    starts = random_starts(len(trips), rng)
+    return roll_out(drives, grid, trips, starts, NetworkCars(network, noise, rng))
+
+
+def _trips(
+    drives: Sequence[SeenDrive], each: int, chances: Chances, rng: np.random.Generator
+) -> list[Trip]:
     cars = np.repeat(np.arange(len(drives)), each).tolist()
-    starts = random_starts(len(cars), rng)
-    return roll_out(drives, grid, cars, starts, NetworkCars(network, noise, rng))
+    return [chances.trip(drive, len(drives[drive].thumbnails), rng) for drive in cars]
 
 
 def scores(
     policy: Callable[[int, Frames, Settings2], Settings2],
     drives: Sequence[SeenDrive],
     grid: SettingsGrid,
+    latency: int = 0,
 ) -> list[Score]:
     """Return what a policy reaches in each drive from 1 ms and 0 dB, one car a drive."""
     if not drives:
         return []
     starts = np.tile([1_000.0, 0.0], (len(drives), 1))
-    journeys = roll_out(drives, grid, range(len(drives)), starts, policy)
-    counts = [matches(drives[j.drive], grid, j.used)[WARM_UP_PAIRS - 1 :] for j in journeys]
+    trips = [Trip(drive, latency) for drive in range(len(drives))]
+    journeys = roll_out(drives, grid, trips, starts, policy)
+    counts = [
+        matches(drives[one.trip.drive], grid, one.used, one.trip)[WARM_UP_PAIRS - 1 :]
+        for one in journeys
+    ]
     return [Score(float(np.median(one)), float(one.min())) for one in counts]

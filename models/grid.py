@@ -36,6 +36,34 @@ class SettingsGrid:
         stops = brightness_ev(self.cells())
         return np.abs(stops[:, None] - stops)
 
+    def opposed_ev(self) -> NDArray[np.float64]:
+        """Return the stops that exposure and gain move against each other by, S x S.
+
+        Only the part of a move along equal brightness: 0 where both go the same way.
+        """
+        cells = self.cells()
+        exposure_ev = brightness_ev(np.stack([cells[:, 0], 0 * cells[:, 1]], axis=1))
+        gain_ev = brightness_ev(cells) - exposure_ev
+        longer, stronger = (ev - ev[:, None] for ev in (exposure_ev, gain_ev))
+        against = np.minimum(np.abs(longer), np.abs(stronger))
+        return np.where(longer * stronger < 0, against, 0.0)
+
+    def relit(self, steps: int) -> NDArray[np.int64]:
+        """Return the cell, S long, whose picture each cell gives in light `steps` brighter.
+
+        A step is the ratio of two exposures: so much more light looks like an exposure longer by
+        it, but for the blur. Beyond the longest exposure more gain stands for it, as near as the
+        grid has it, and beyond the shortest less.
+        """
+        exposures, gains = self.shape
+        row, column = np.divmod(np.arange(len(self)), gains)
+        wanted = row + steps
+        inside = np.clip(wanted, 0, exposures - 1)
+        step_ev = np.log2(self.exposures_us[1] / self.exposures_us[0])
+        gain_ev = np.log2(gain_factor(self.gains_db[1]) / gain_factor(self.gains_db[0]))
+        more = np.rint((wanted - inside) * step_ev / gain_ev).astype(np.int64)
+        return np.asarray(inside * gains + np.clip(column + more, 0, gains - 1))
+
     def corners(
         self, settings: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

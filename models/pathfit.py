@@ -20,12 +20,12 @@ from torch import Tensor
 from torch.nn import functional
 
 from rig.core.errors import ModelError, UsageError
-from rig.models.cars import NetworkCars, Score, own_journeys, random_journeys, scores
+from rig.models.cars import Chances, NetworkCars, Score, own_journeys, random_journeys, scores
 from rig.models.dataset import scale_settings
 from rig.models.grid import SettingsGrid
 from rig.models.names import SCORE_MAPS
-from rig.models.rollout import Journey
-from rig.models.scoremap import FRAMES, ScoreMapNetwork
+from rig.models.rollout import Journey, Trip
+from rig.models.scoremap import FRAMES, TOLD, ScoreMapNetwork
 from rig.models.seen import SeenDrive
 from rig.models.values import Utility, Values, move_values
 
@@ -35,7 +35,8 @@ class PathRecipe:
     """What decides a score-map network besides its data.
 
     `width` is that of the network. `steps` are the optimiser's steps of each stage; `behaviours`
-    and `own_journeys` the journeys through every drive, at random and after each stage;
+    and `own_journeys` the journeys through every drive, at random and after each stage, on trips
+    as `chances` has them;
     `objective` names one of OBJECTIVES; `temperature` turns values into the probabilities to
     learn; `noise` scales the own journeys' errors, off for every other round.
     """
@@ -53,6 +54,7 @@ class PathRecipe:
     noise: float = 0.25
     weight_decay: float = 1e-2
     utility: Utility = field(default_factory=Utility)
+    chances: Chances = field(default_factory=Chances)
 
 
 def make_recipe(
@@ -88,11 +90,15 @@ Batch = tuple[Tensor, Tensor, Tensor]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathSamples:
-    """N decisions: the frames to look at (N x 3, newest first) and the value of each answer."""
+    """N decisions: the frames to look at (N x 3, newest first) and the value of each answer.
+
+    `asked` is N x 2, the settings asked for last, scaled as `settings` are.
+    """
 
     frames: Tensor
     settings: Tensor
     newest_first: Tensor
+    asked: Tensor
     values: Tensor
 
     def __len__(self) -> int:
@@ -104,34 +110,68 @@ class PathSamples:
             self.frames.to(device),
             self.settings.to(device),
             self.newest_first.to(device),
+            self.asked.to(device),
             self.values.to(device),
         )
 
     def batch(self, chosen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return images N x 6 x 48 x 64, settings N x 6 and values N x S."""
+        """Return images N x 6 x 48 x 64, settings N x 8 and values N x S."""
         rows = self.newest_first[chosen]
         images = self.frames[rows].flatten(1, 2).float() / 255
-        return images, self.settings[rows].flatten(1), self.values[chosen]
+        settings = torch.cat([self.settings[rows].flatten(1), self.asked[chosen]], 1)
+        return images, settings, self.values[chosen]
 
 
-def gather(
-    journeys: Sequence[Journey], values: Sequence[Values], grid: SettingsGrid
-) -> PathSamples:
-    """Return the decisions of journeys; `values` belongs to the drives that they count."""
-    rows, answers, start = [], [], 0
+class Lessons:
+    """What moves are worth in some drives, in any light; worked out when first asked for."""
+
+    def __init__(self, drives: Sequence[SeenDrive], grid: SettingsGrid, utility: Utility) -> None:
+        self._drives, self._grid, self._utility = drives, grid, utility
+        self._known: dict[tuple[int, int], Values] = {}
+
+    def values(self, drive: int, light: int) -> Values:
+        """Return P-1 x S x S values of a drive where all light is `light` steps brighter."""
+        if (drive, light) not in self._known:
+            like = self._grid.relit(light)
+            moves = self._drives[drive].moves[:, like][:, :, like]
+            opposed_ev = self._grid.opposed_ev()
+            self._known[drive, light] = move_values(moves, self._utility, opposed_ev)
+        return self._known[drive, light]
+
+    def of(self, journey: Journey) -> NDArray[np.float32]:
+        """Return decisions x S values: what each answer is worth to the frame that it reaches.
+
+        Nobody knows that the light will change: in the lesson it stays as it is at the decision.
+        The move begins at what was asked for last, which is used by then.
+        """
+        late = journey.trip.latency
+        asked = journey.used[late:-1]
+        light = journey.trip.light_at(np.arange(len(asked)))
+        cells, weights = self._grid.corners(asked)
+        values = np.empty((len(asked), len(self._grid)), np.float32)
+        for steps in np.unique(light):
+            now = np.flatnonzero(light == steps)
+            of_drive = self.values(journey.trip.drive, int(steps))
+            between = of_drive[now[:, None] + late, cells[now]]
+            values[now] = np.einsum("tc,tcs->ts", weights[now].astype(np.float32), between)
+        return values
+
+
+def gather(journeys: Sequence[Journey], lessons: Lessons) -> PathSamples:
+    """Return the decisions of journeys; those whose effect lies behind the end are left out."""
+    rows, asked, answers, start = [], [], [], 0
     for journey in journeys:
-        decided = len(journey.used) - 1
-        pose = np.arange(decided)
+        answers.append(lessons.of(journey))
+        pose = np.arange(len(answers[-1]))
         rows.append(start + np.stack([np.maximum(pose - back, 0) for back in range(FRAMES)], 1))
-        cells, weights = grid.corners(journey.used[:decided])
-        of_drive = values[journey.drive][pose[:, None], cells]
-        answers.append(np.einsum("tc,tcs->ts", weights.astype(np.float32), of_drive))
-        start += decided + 1
-    used = np.concatenate([journey.used for journey in journeys])
+        asked.append(journey.used[pose + journey.trip.latency])
+        start += len(journey.used)
+    used, last = np.concatenate([journey.used for journey in journeys]), np.concatenate(asked)
     return PathSamples(
         frames=torch.from_numpy(np.concatenate([journey.frames for journey in journeys])),
         settings=torch.from_numpy(scale_settings(used[:, 0], used[:, 1])),
         newest_first=torch.from_numpy(np.concatenate(rows)),
+        asked=torch.from_numpy(scale_settings(last[:, 0], last[:, 1])),
         values=torch.from_numpy(np.concatenate(answers)),
     )
 
@@ -147,7 +187,7 @@ def toward_values(network: ScoreMapNetwork, batch: Batch, recipe: PathRecipe) ->
 def toward_best(network: ScoreMapNetwork, batch: Batch, _recipe: PathRecipe) -> Tensor:
     """Return the absolute error of the answer against the cell of the highest value (eq. 4.15)."""
     images, settings, values = batch
-    answer = network.logarithmic(network(images, settings).repeat(1, FRAMES))[:, :2]
+    answer = network.logarithmic(network(images, settings).repeat(1, TOLD // 2))[:, :2]
     return (answer - network.cells[values.argmax(1)]).abs().mean()
 
 
@@ -199,9 +239,9 @@ class PathFit:
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.network = self._new_network().to(self._device)
         self._best = copy.deepcopy(self.network.state_dict())
-        self._values = [move_values(drive.moves, recipe.utility) for drive in training]
+        self._lessons = Lessons(training, grid, recipe.utility)
         rng = np.random.default_rng([recipe.seed, 1_000])
-        self._journeys = random_journeys(training, grid, recipe.behaviours, rng)
+        self._journeys = random_journeys(training, grid, recipe.behaviours, recipe.chances, rng)
         self._own: list[Journey] = []
 
     @property
@@ -218,7 +258,7 @@ class PathFit:
         number, recipe = len(self.history), self.recipe
         rng = np.random.default_rng([recipe.seed, number])
         torch.manual_seed(int(rng.integers(2**63)))
-        samples = gather(self._journeys + self._own, self._values, self.grid)
+        samples = gather(self._journeys + self._own, self._lessons)
         loss = self._train(samples, number, rng, progress)
         if not math.isfinite(loss):
             raise ModelError(f"training diverged in stage {number + 1}: its loss is {loss}")
@@ -231,7 +271,13 @@ class PathFit:
         if not self.finished:
             noise = recipe.noise if number % 2 == 0 else 0.0
             self._own += own_journeys(
-                self.network, self._training, self.grid, recipe.own_journeys, noise, rng
+                self.network,
+                self._training,
+                self.grid,
+                recipe.own_journeys,
+                recipe.chances,
+                noise,
+                rng,
             )
 
     def best_network(self) -> ScoreMapNetwork:
@@ -242,7 +288,7 @@ class PathFit:
 
     def proof_samples(self, count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return images and settings from all over the journeys, to prove an exported file on."""
-        samples = gather(self._journeys, self._values, self.grid)
+        samples = gather(self._journeys, self._lessons)
         rows = np.linspace(0, len(samples) - 1, count).astype(np.int64)
         images, settings, _ = samples.batch(torch.from_numpy(rows))
         return images.numpy(), settings.numpy()
@@ -258,7 +304,11 @@ class PathFit:
                 for one in self.history
             ],
             "own": [
-                [own.drive, torch.from_numpy(own.frames), torch.from_numpy(own.used)]
+                [
+                    [own.trip.drive, own.trip.latency, torch.from_numpy(own.trip.light)],
+                    torch.from_numpy(own.frames),
+                    torch.from_numpy(own.used),
+                ]
                 for own in self._own
             ],
         }
@@ -272,7 +322,8 @@ class PathFit:
             for loss, held_back in state["history"]
         ]
         self._own = [
-            Journey(drive, frames.numpy(), used.numpy()) for drive, frames, used in state["own"]
+            Journey(Trip(drive, latency, light.numpy()), frames.numpy(), used.numpy())
+            for (drive, latency, light), frames, used in state["own"]
         ]
 
     def _new_network(self) -> ScoreMapNetwork:

@@ -7,7 +7,7 @@ so is the number of matches of a move.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,28 @@ Policy = Callable[[int, Frames, Settings2], Settings2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Journey:
-    """One car's way through drive number `drive`: P pictures and the settings of each."""
+class Trip:
+    """What awaits one car: drive number `drive`, a slow camera, and another light.
+
+    Settings take effect `latency` frames later than in the next frame. `light` is by how many
+    steps of the grid (`SettingsGrid.relit`) each pose is brighter than it was seen; behind its end
+    the light stays as it was.
+    """
 
     drive: int
+    latency: int = 0
+    light: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+
+    def light_at(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the steps of some poses."""
+        return self.light[np.minimum(poses, len(self.light) - 1)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Journey:
+    """One car's trip: P pictures and the settings of each."""
+
+    trip: Trip
     frames: Frames
     used: Settings2
 
@@ -38,51 +56,60 @@ class Journey:
 def roll_out(
     drives: Sequence[SeenDrive],
     grid: SettingsGrid,
-    cars: Sequence[int],
+    trips: Sequence[Trip],
     start: Settings2,
     policy: Policy,
 ) -> list[Journey]:
-    """Drive one car through drive `cars[i]` from `start[i]`; all move at once, pose by pose.
+    """Send one car on each trip, from `start[i]`; all move at once, pose by pose.
 
     A shorter drive ends sooner; its car stands at the end until the longest is over.
     """
-    lengths = np.array([len(drives[car].thumbnails) for car in cars])
+    lengths = np.array([len(drives[trip.drive].thumbnails) for trip in trips])
     frames = [np.empty((n, *drives[0].thumbnails.shape[2:]), np.uint8) for n in lengths]
     used = [np.empty((n, 2)) for n in lengths]
-    settings = np.array(start, np.float64)
+    latency = np.array([trip.latency for trip in trips])
+    asked = [np.array(start, np.float64)]
     for pose in range(int(lengths.max())):
         at = np.minimum(pose, lengths - 1)
-        seen = look(drives, grid, cars, at, settings)
+        commands = np.stack(asked[-1 - int(latency.max()) :])
+        sent = np.maximum(len(commands) - 1 - latency, 0)
+        settings = commands[sent, np.arange(len(trips))]
+        seen = look(drives, grid, trips, at, settings)
         for car, index in enumerate(at):
             if pose == index:
                 frames[car][pose], used[car][pose] = seen[car], settings[car]
-        settings = clamped(policy(pose, seen, settings))
-    return [Journey(*one) for one in zip(cars, frames, used, strict=True)]
+        asked.append(clamped(policy(pose, seen, settings)))
+    return [Journey(*one) for one in zip(trips, frames, used, strict=True)]
 
 
 def look(
     drives: Sequence[SeenDrive],
     grid: SettingsGrid,
-    cars: Sequence[int],
+    trips: Sequence[Trip],
     poses: NDArray[np.int64],
     settings: Settings2,
 ) -> Frames:
     """Return what each car sees at its pose with its settings."""
     cells, weights = grid.corners(settings)
-    seen = np.empty((len(cars), *drives[0].thumbnails.shape[2:]), np.uint8)
-    for car, (drive, pose) in enumerate(zip(cars, poses, strict=True)):
-        corners = drives[drive].thumbnails[pose, cells[car]].astype(np.float32)
+    seen = np.empty((len(trips), *drives[0].thumbnails.shape[2:]), np.uint8)
+    for car, (trip, pose) in enumerate(zip(trips, poses, strict=True)):
+        like = grid.relit(int(trip.light_at(pose)))[cells[car]]
+        corners = drives[trip.drive].thumbnails[pose, like].astype(np.float32)
         seen[car] = np.rint(np.tensordot(weights[car].astype(np.float32), corners, 1))
     return seen
 
 
-def matches(drive: SeenDrive, grid: SettingsGrid, used: Settings2) -> NDArray[np.float64]:
-    """Return the P-1 counts between consecutive pictures of a journey with these settings.
+def matches(
+    drive: SeenDrive, grid: SettingsGrid, used: Settings2, trip: Trip
+) -> NDArray[np.float64]:
+    """Return the P-1 counts between consecutive pictures of a trip with these settings.
 
     Between cells a move is a mixture of moves between cells in which both ends shift together as
     far as they can: resting between two cells is a mixture of resting on either.
     """
     cells, weights = grid.corners(used)
+    light = trip.light_at(np.arange(len(used)))
+    cells = np.stack([grid.relit(int(steps))[one] for steps, one in zip(light, cells, strict=True)])
     between = drive.moves[
         np.arange(len(used) - 1)[:, None, None], cells[:-1, :, None], cells[1:, None, :]
     ]

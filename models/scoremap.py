@@ -23,6 +23,9 @@ FRAMES = 3
 SHOWN_CHANNELS = 2
 """Per frame of the input: brightness and saturation."""
 
+TOLD = 2 * (FRAMES + 1)
+"""Inputs besides pictures: exposure and gain of each frame, then those asked for last."""
+
 _CHANNELS_A_FRAME = 3
 _GAMMA = 2.2
 _DARKEST = 0.02
@@ -35,8 +38,9 @@ class ScoreMapNetwork(nn.Module):
     """Three strided convolutions and three full layers; `forward` gives 0..1 of the limits.
 
     `images` is float32 N x 6 x 48 x 64 in 0..1, (brightness, saturation) of t, t-1, t-2; `settings`
-    float32 N x 6, (exposure, gain) of the same frames in 0..1 of the limits (thesis eq. 4.14).
-    `smoothing` in [0, 1) is the share of the present settings, in logarithms, in the answer;
+    float32 N x 8, (exposure, gain) of the same frames and of what was asked for last, in 0..1 of
+    the limits (thesis eq. 4.14). A late camera has not used the latter yet, and the answer follows
+    it. `smoothing` in [0, 1) is its share, in logarithms, in the answer;
     `width` multiplies the channels of all layers.
     """
 
@@ -57,7 +61,7 @@ class ScoreMapNetwork(nn.Module):
         columns, rows = THUMBNAIL_PX
         narrow, wide = 32 * width, 64 * width
         self.first = nn.Conv2d(_CHANNELS_A_FRAME * FRAMES, narrow, 4, 4)
-        self.offset = nn.Linear(2 * FRAMES, narrow, bias=False)
+        self.offset = nn.Linear(TOLD, narrow, bias=False)
         self.stages = nn.Sequential(
             nn.BatchNorm2d(narrow),
             nn.ReLU(),
@@ -65,7 +69,7 @@ class ScoreMapNetwork(nn.Module):
             *_stage(wide, wide),
             nn.Dropout(_DROPOUT),
         )
-        features = wide * (columns // 16) * (rows // 16) + 2 * FRAMES
+        features = wide * (columns // 16) * (rows // 16) + TOLD
         self.head = nn.Sequential(
             nn.Linear(features, 2 * wide),
             nn.BatchNorm1d(2 * wide),
@@ -101,22 +105,22 @@ class ScoreMapNetwork(nn.Module):
         weights = probability * (best @ self.near).clamp(max=1.0)
         chosen = (weights / weights.sum(1, keepdim=True)) @ self.cells
         if self.smoothing:
-            now = self.logarithmic(settings)[:, :2]
-            chosen = (1 - self.smoothing) * chosen + self.smoothing * now
+            before = self.logarithmic(settings)[:, 2 * FRAMES :]
+            chosen = (1 - self.smoothing) * chosen + self.smoothing * before
         low, high = self.limits.exposure_us
         exposure = (low * torch.exp(chosen[:, :1] * float(np.log(high / low))) - low) / (high - low)
         return torch.cat([exposure, chosen[:, 1:]], 1)
 
     def logarithmic(self, settings: Tensor) -> Tensor:
-        """Return N x 6 settings with each exposure in 0..1 of the limits' logarithms."""
+        """Return N x 8 settings with each exposure in 0..1 of the limits' logarithms."""
         low, high = self.limits.exposure_us
-        pairs = settings.reshape(-1, FRAMES, 2)
+        pairs = settings.reshape(-1, FRAMES + 1, 2)
         exposure = torch.log(1 + pairs[:, :, :1] * (high / low - 1)) / float(np.log(high / low))
         return torch.cat([exposure, pairs[:, :, 1:]], 2).flatten(1)
 
     def _stops(self, logarithmic: Tensor) -> Tensor:
         """Return the brightness of each frame's settings in stops above the least."""
-        pairs = logarithmic.reshape(-1, FRAMES, 2)
+        pairs = logarithmic[:, : 2 * FRAMES].reshape(-1, FRAMES, 2)
         low_db, high_db = self.limits.gain_db
         span_ev = float(np.log2(self.limits.exposure_us[1] / self.limits.exposure_us[0]))
         stops: Tensor = pairs[:, :, 0] * span_ev + pairs[:, :, 1] * (high_db - low_db) * _EV_PER_DB

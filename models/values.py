@@ -23,12 +23,15 @@ class Utility:
 
     The logarithm makes a share of matches worth the same everywhere; the barrier makes few
     matches so costly that no plateau behind them pays for it. `discount` in [0, 1) is per frame.
+    `opposed_cost` is for each stop that exposure and gain move against each other: the pictures
+    are as bright as before, but blurred and noisy in another way.
     """
 
     log_weight: float = 0.3
     barrier: float = 60.0
     softness: float = 20.0
     discount: float = 0.9
+    opposed_cost: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:
@@ -42,12 +45,17 @@ class Utility:
         return np.asarray(worth, np.float32)
 
 
-def move_values(moves: NDArray[np.int16], utility: Utility) -> Values:
+def move_values(
+    moves: NDArray[np.int16], utility: Utility, opposed_ev: NDArray[np.float64] | None = None
+) -> Values:
     """Return the value of every move, of the shape of `moves`: P-1 x S (from) x S (to).
 
-    Behind the last pose nothing follows, so the last frames look less far ahead.
+    `opposed_ev` is that of the grid, S x S; without it such moves cost nothing. Behind the last
+    pose nothing follows, so the last frames look less far ahead.
     """
     values = utility.of(moves)
+    if opposed_ev is not None:
+        values -= (utility.opposed_cost * opposed_ev).astype(np.float32)
     following = np.zeros(moves.shape[1], np.float32)
     for here in values[::-1]:
         here += np.float32(utility.discount) * following

@@ -125,6 +125,24 @@ def test_every_input_is_in_its_place(tmp_path: Path, feature: int) -> None:
             assert answer == pytest.approx(expected(history, feature), rel=1e-4)
 
 
+@pytest.mark.parametrize("limits", [THESIS_LIMITS, Limits((75.0, 3_000.0), (0.0, 12.0))])
+def test_a_network_may_be_told_its_last_command(tmp_path: Path, limits: Limits) -> None:
+    weights = np.zeros((17, 2), np.float32)
+    weights[15, 0] = weights[16, 1] = 1.0
+    form = SHAPES | {"settings": ["N", 8]}
+    path = linear(tmp_path / "told.onnx", weights, (0.1, 0.2), shapes=form)
+    controller = NetworkController(path)
+    for _ in range(2):
+        asked = controller.reset(limits)
+        for seen in FRAMES:
+            exposure = (asked.exposure_us - 75) / 29_925 + 0.1
+            gain = asked.gain_db / 30 + 0.2
+            asked = controller.step(seen)
+            told = [controller.diagnostics()[name] for name in ("exposure_answer", "gain_answer")]
+            assert told == pytest.approx([exposure, gain], rel=1e-4)
+    assert asked == Settings(limits.exposure_us[1], limits.gain_db[1]) or limits == THESIS_LIMITS
+
+
 @pytest.mark.parametrize("channel", range(6))
 def test_a_network_may_ask_for_thumbnails(tmp_path: Path, channel: int) -> None:
     weights = np.zeros((12, 2), np.float32)

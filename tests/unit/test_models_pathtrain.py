@@ -14,14 +14,23 @@ from rig.cli.main import run
 from rig.controllers.network import NetworkController
 from rig.core.errors import ModelError, RecordingError, UsageError
 from rig.core.types import THESIS_LIMITS, Frame, Settings
-from rig.models.cars import NetworkCars, scores
+from rig.models.cars import Chances, NetworkCars, scores
+from rig.models.dataset import scale_settings
 from rig.models.fit import Checkpoint
-from rig.models.pathfit import PathFit, PathRecipe, make_recipe
+from rig.models.pathfit import Lessons, PathFit, PathRecipe, gather, make_recipe
 from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
+from rig.models.rollout import Journey, Trip, roll_out
 from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
+from rig.models.values import Utility, move_values
 
-QUICK = PathRecipe(steps=(60, 20), learning_rates=(5e-3, 2e-3), batch_size=32, behaviours=2)
+QUICK = PathRecipe(
+    steps=(60, 20),
+    learning_rates=(5e-3, 2e-3),
+    batch_size=32,
+    behaviours=2,
+    chances=Chances(latencies=(0, 2), relit=0.3),
+)
 
 
 def save(path: Path, seeds: range) -> Path:
@@ -53,7 +62,7 @@ def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Pa
     assert "--members 2" in result.card.read_text()
     with torch.inference_mode():
         networks = [ScoreMapNetwork(GRID).eval() for _ in range(3)]
-        images, settings = torch.rand(4, 6, 48, 64), torch.rand(4, 6)
+        images, settings = torch.rand(4, 6, 48, 64), torch.rand(4, 8)
         shares = [torch.softmax(one.scores(images, settings), 1) for one in networks]
         together = ScoreMapEnsemble(networks)(images, settings)
         expected = networks[0].decode(torch.log(sum(shares) / 3), settings)
@@ -64,13 +73,13 @@ def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Pa
 def test_it_learns_to_follow_the_light(objective: str) -> None:
     recipe = replace(QUICK, objective=objective)
     fit = PathFit(recipe, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
-    before = scores(NetworkCars(fit.network), [make_drive(9)], GRID)[0]
+    standing = scores(lambda _pose, _frames, used: used, [make_drive(9)], GRID)[0]
     losses: list[float] = []
     while not fit.finished:
         fit.stage(lambda _stage, _step, _steps, loss: losses.append(loss))
     reached = fit.history[fit.best_stage].held_back[0]
     assert losses[-1] < 0.9 * losses[0]
-    assert reached.median > before.median + 100
+    assert reached.median > standing.median + 100
     assert reached.median > 300
 
 
@@ -79,19 +88,80 @@ def test_the_answer_lies_around_the_best_cells() -> None:
     peaks = torch.full((1, len(GRID)), -20.0)
     peaks[0, [2 * 4 + 1, 3 * 4 + 1]] = 5.0
     peaks[0, 8 * 4 + 3] = 5.1  # a single high cell, but less in all
-    answer = network.decode(peaks, torch.zeros(1, 6))[0].detach().numpy()
+    answer = network.decode(peaks, torch.zeros(1, 8))[0].detach().numpy()
     cells = GRID.cells()[[2 * 4 + 1, 3 * 4 + 1]]
     exposure_us = 75 + answer[0] * 29_925
     assert exposure_us == pytest.approx(np.sqrt(cells[0, 0] * cells[1, 0]), rel=1e-3)
     assert answer[1] * 30 == pytest.approx(cells[0, 1], rel=1e-3)
 
 
-def test_smoothing_keeps_a_share_of_the_present_settings() -> None:
+def test_smoothing_keeps_a_share_of_what_was_asked_for() -> None:
     scored = torch.zeros(1, len(GRID))
-    now = torch.tensor([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
-    free = ScoreMapNetwork(GRID).decode(scored, now)
-    half = ScoreMapNetwork(GRID, smoothing=0.5).decode(scored, now)
+    told = torch.tensor([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]])
+    free = ScoreMapNetwork(GRID).decode(scored, told)
+    half = ScoreMapNetwork(GRID, smoothing=0.5).decode(scored, told)
     assert half[0, 1] == pytest.approx((free[0, 1] + 1) / 2)
+
+
+def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
+    drive = make_drive(3)
+    lessons = Lessons([drive], GRID, Utility())
+    cells = np.random.default_rng(4).integers(0, len(GRID), 40)
+    used = GRID.cells()[cells]
+    frames = drive.thumbnails[np.arange(40), cells]
+    worth = move_values(drive.moves, Utility())
+    for late in (0, 2):
+        samples = gather([Journey(Trip(0, late), frames, used)], lessons)
+        assert len(samples) == 39 - late
+        pose = np.arange(39 - late)
+        expected = worth[pose + late, cells[pose + late]]
+        images, settings, values = samples.batch(torch.arange(39 - late))
+        assert np.allclose(values.numpy(), expected, atol=1e-4)
+        assert np.allclose(images[7, 0].numpy(), frames[7, 0] / 255)
+        told = settings[7].reshape(4, 2).numpy()
+        assert np.allclose(told[:3], scale_settings(*used[[7, 6, 5]].T), atol=1e-6)
+        assert np.allclose(told[3], scale_settings(*used[[7 + late]].T)[0], atol=1e-6)
+
+
+def test_no_lesson_knows_that_the_light_will_change() -> None:
+    drive = make_drive(3)
+    lessons = Lessons([drive], GRID, Utility())
+    used = np.tile(GRID.cells()[13], (40, 1))
+    light = np.where(np.arange(40) < 20, 0, 2)
+    late = 1
+    stepped = lessons.of(Journey(Trip(0, late, light), drive.thumbnails[:, 13], used))
+    before, after = (
+        lessons.of(Journey(Trip(0, late, np.array([steps])), drive.thumbnails[:, 13], used))
+        for steps in (0, 2)
+    )
+    assert np.array_equal(stepped[:20], before[:20])
+    assert np.array_equal(stepped[20:], after[20:])
+    assert not np.array_equal(before[19], after[19])
+
+
+def test_trips_are_as_likely_late_and_relit_as_asked_for() -> None:
+    rng = np.random.default_rng(0)
+    chances = Chances(latencies=(0, 2), relit=0.5, darkest=-1, brightest=2)
+    trips = [chances.trip(5, 30, rng) for _ in range(400)]
+    assert {trip.drive for trip in trips} == {5}
+    assert {trip.latency for trip in trips} == {0, 2}
+    assert sum(trip.latency == 2 for trip in trips) == pytest.approx(200, abs=50)
+    relit = [trip for trip in trips if len(trip.light) > 1]
+    assert len(relit) == pytest.approx(200, abs=50)
+    assert {int(steps) for trip in relit for steps in trip.light} == {-1, 0, 1, 2}
+    assert all(np.count_nonzero(np.diff(trip.light)) <= 1 for trip in relit)
+    assert {len(trip.light) for trip in relit} == {30}
+
+
+def test_cars_are_told_what_they_asked_for_last() -> None:
+    network, told = ScoreMapNetwork(GRID).eval(), []
+    network.register_forward_pre_hook(lambda _network, inputs: told.append(inputs[1].numpy()))
+    start = np.array([[1_000.0, 0.0]])
+    trip = Trip(0, latency=2)
+    journey = roll_out([make_drive(1)], GRID, [trip], start, NetworkCars(network))[0]
+    for pose in (0, 1, 10):
+        assert np.allclose(told[pose][0, 6:], scale_settings(*journey.used[[pose + 2]].T)[0])
+        assert np.allclose(told[pose][0, :2], scale_settings(*journey.used[[pose]].T)[0])
 
 
 def test_the_file_drives_as_the_network_does(trained: Path) -> None:

@@ -10,8 +10,8 @@ from synthetic_drives import GRID, make_drive
 
 from rig.core.errors import UsageError
 from rig.models.behaviour import RandomExposure
-from rig.models.grid import path_grid
-from rig.models.rollout import look, matches, roll_out
+from rig.models.grid import brightness_ev, path_grid
+from rig.models.rollout import Trip, look, matches, roll_out
 from rig.models.values import Utility, best_path, move_values
 
 UTILITY = Utility(discount=0.8)
@@ -58,11 +58,13 @@ def test_a_car_on_a_cell_sees_its_picture_and_gets_its_matches() -> None:
     path = np.random.default_rng(2).integers(0, len(GRID), 40)
     used = GRID.cells()[path]
 
-    journey = roll_out([drive], GRID, [0], used[:1], lambda pose, *_: used[[min(pose + 1, 39)]])
+    journey = roll_out(
+        [drive], GRID, [Trip(0)], used[:1], lambda pose, *_: used[[min(pose + 1, 39)]]
+    )
     assert np.array_equal(journey[0].frames, drive.thumbnails[np.arange(40), path])
     assert np.array_equal(journey[0].used, used)
     assert np.array_equal(
-        matches(drive, GRID, used), drive.moves[np.arange(39), path[:-1], path[1:]]
+        matches(drive, GRID, used, Trip(0)), drive.moves[np.arange(39), path[:-1], path[1:]]
     )
 
 
@@ -70,11 +72,11 @@ def test_resting_between_two_cells_is_a_mixture_of_resting_on_either() -> None:
     drive = make_drive(1)
     cells = GRID.cells()
     between = np.array([np.sqrt(cells[0, 0] * cells[4, 0]), 0.0])
-    resting = matches(drive, GRID, np.tile(between, (40, 1)))
+    resting = matches(drive, GRID, np.tile(between, (40, 1)), Trip(0))
     assert np.allclose(resting, (drive.moves[:, 0, 0] + drive.moves[:, 4, 4]) / 2.0)
     away = np.tile(between, (40, 1))
     away[1::2] = cells[4]
-    moving = matches(drive, GRID, away)[0]
+    moving = matches(drive, GRID, away, Trip(0))[0]
     assert moving == pytest.approx((drive.moves[0, 0, 4] + drive.moves[0, 4, 4]) / 2.0)
 
 
@@ -82,7 +84,7 @@ def test_between_two_cells_a_picture_is_between_theirs() -> None:
     drive = make_drive(1)
     cells = GRID.cells()
     between = np.array([[np.sqrt(cells[0, 0] * cells[4, 0]), 0.0]])
-    seen = look([drive], GRID, [0], np.array([3]), between)[0].astype(float)
+    seen = look([drive], GRID, [Trip(0)], np.array([3]), between)[0].astype(float)
     low, high = drive.thumbnails[3, 0].astype(float), drive.thumbnails[3, 4].astype(float)
     assert np.abs(seen - (low + high) / 2).max() <= 0.5
 
@@ -90,7 +92,7 @@ def test_between_two_cells_a_picture_is_between_theirs() -> None:
 def test_a_shorter_drive_ends_sooner() -> None:
     drives = [make_drive(1), make_drive(2, poses=25)]
     start = np.tile([1_000.0, 0.0], (2, 1))
-    journeys = roll_out(drives, GRID, [0, 1], start, lambda _pose, _frames, used: used)
+    journeys = roll_out(drives, GRID, [Trip(0), Trip(1)], start, lambda _pose, _frames, used: used)
     assert [len(journey.used) for journey in journeys] == [40, 25]
     assert np.array_equal(journeys[1].frames, look_all(drives, 1, start[1]))
 
@@ -98,7 +100,66 @@ def test_a_shorter_drive_ends_sooner() -> None:
 def look_all(drives: list[object], which: int, used: np.ndarray) -> np.ndarray:
     drive = drives[which]
     poses = range(len(drive.thumbnails))  # type: ignore[attr-defined]
-    return np.stack([look(drives, GRID, [which], np.array([p]), used[None])[0] for p in poses])  # type: ignore[arg-type]
+    return np.stack(
+        [look(drives, GRID, [Trip(which)], np.array([p]), used[None])[0] for p in poses]
+    )  # type: ignore[arg-type]
+
+
+def test_a_late_camera_uses_what_was_asked_for_so_many_frames_before() -> None:
+    drives = [make_drive(1)]
+    start = np.tile([1_000.0, 0.0], (3, 1))
+
+    def asking(pose: int, _frames: np.ndarray, used: np.ndarray) -> np.ndarray:
+        return np.stack([np.full(3, 2_000.0 + pose), np.zeros(3)], axis=1)
+
+    trips = [Trip(0, latency) for latency in (0, 1, 2)]
+    for late, journey in enumerate(roll_out(drives, GRID, trips, start, asking)):
+        expected = [1_000.0] * (late + 1) + [2_000.0 + pose for pose in range(39 - late)]
+        assert journey.used[:, 0].tolist() == expected
+
+
+def test_brighter_light_looks_like_a_longer_exposure_then_like_more_gain() -> None:
+    cells, exposures, gains = GRID.cells(), *GRID.shape
+    brightness = brightness_ev(cells)
+    step_ev = np.log2(GRID.exposures_us[1] / GRID.exposures_us[0])
+    for steps in (-3, 0, 4):
+        like = GRID.relit(steps)
+        row, column = np.divmod(like, gains)
+        moved = brightness[like] - brightness
+        inside = (row > 0) & (row < exposures - 1)
+        assert np.allclose(moved[inside], steps * step_ev)
+        assert np.array_equal(column[inside], np.arange(len(GRID))[inside] % gains)
+        between = (column > 0) & (column < gains - 1)
+        assert np.abs(moved[between] - steps * step_ev).max() < 1.0, "half a step of gain"
+
+
+def test_a_car_in_another_light_sees_and_matches_what_that_light_shows() -> None:
+    drive, cell, steps = make_drive(1), 4 * 3 + 1, 2
+    brighter = cell + 4 * steps
+    light = np.where(np.arange(40) < 25, 0, steps)
+    resting = np.tile(GRID.cells()[cell], (40, 1))
+    trip = Trip(0, light=light)
+    journey = roll_out([drive], GRID, [trip], resting[:1], lambda *_: resting[:1])[0]
+    assert np.array_equal(journey.frames[:25], drive.thumbnails[:25, cell])
+    assert np.array_equal(journey.frames[25:], drive.thumbnails[25:, brighter])
+    counts = matches(drive, GRID, resting, trip)
+    assert counts[24] == drive.moves[24, cell, brighter]
+    assert np.array_equal(counts[25:], drive.moves[25:, brighter, brighter])
+
+
+def test_moves_along_equal_brightness_cost_and_others_do_not() -> None:
+    opposed = GRID.opposed_ev()
+    gain_ev = np.log2(10 ** (GRID.gains_db[1] / 20))
+    step_ev = np.log2(GRID.exposures_us[1] / GRID.exposures_us[0])
+    assert opposed[4, 1] == pytest.approx(min(gain_ev, step_ev))
+    assert opposed[1, 4] == pytest.approx(opposed[4, 1])
+    assert opposed[0, 4] == opposed[0, 1] == opposed[0, 5] == opposed[7, 7] == 0
+
+    moves = np.full((6, len(GRID), len(GRID)), 300, np.int16)
+    dear = move_values(moves, Utility(opposed_cost=0.1), opposed)
+    assert dear[0, 4, 1] == pytest.approx(dear[0, 4, 4] - 0.1 * opposed[4, 1], abs=1e-5)
+    free = move_values(moves, Utility(), opposed)
+    assert free[0, 4, 1] == free[0, 4, 4]
 
 
 def test_random_behaviours_reach_all_over_the_limits_and_repeat_with_their_seed() -> None:
@@ -106,9 +167,9 @@ def test_random_behaviours_reach_all_over_the_limits_and_repeat_with_their_seed(
 
     def settings(seed: int) -> np.ndarray:
         policy = RandomExposure(24, np.random.default_rng(seed))
-        cars = np.repeat(range(3), 8).tolist()
+        trips = [Trip(drive) for drive in np.repeat(range(3), 8).tolist()]
         return np.concatenate(
-            [one.used for one in roll_out(drives, GRID, cars, policy.start(), policy)]
+            [one.used for one in roll_out(drives, GRID, trips, policy.start(), policy)]
         )
 
     used = settings(5)
