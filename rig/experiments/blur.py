@@ -37,7 +37,7 @@ class BlurAgreement:
 
 
 def blur_agreement(
-    scene: RenderedScene, pairs: Sequence[int], exposure_us: float, noises: int = 3
+    scene: RenderedScene, pairs: Sequence[int], exposure_us: float, noises: int = 8
 ) -> BlurAgreement:
     """Compare both kinds of blur over consecutive pairs of frames, each taken `noises` times.
 
