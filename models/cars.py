@@ -19,6 +19,7 @@ from rig.models.scoremap import FRAMES, ScoreMap
 from rig.models.seen import SeenDrive
 
 WARM_UP_PAIRS = 10
+LIGHT_POSES = 30
 _START_US = (200.0, 20_000.0)
 _START_DB = (0.0, 20.0)
 
@@ -35,8 +36,9 @@ class Score:
 class Chances:
     """What trips are like: how late cameras are, and how often and how far the light changes.
 
-    A trip has one of `latencies`, each as likely. At `relit` of the trips the light is another
-    before or after a random pose, by `darkest` to `brightest` steps of the grid.
+    A trip has one of `latencies`, each as likely. At `relit` of the trips the light changes every
+    `LIGHT_POSES`: half of the time it is as it was seen, or else `darkest` to `brightest` steps of
+    the grid brighter.
     """
 
     latencies: tuple[int, ...] = (0,)
@@ -49,10 +51,10 @@ class Chances:
         latency = int(rng.choice(self.latencies))
         if rng.random() >= self.relit:
             return Trip(drive, latency)
-        changed = np.arange(poses) < rng.integers(poses)
-        if rng.random() < 0.5:
-            changed = ~changed
-        return Trip(drive, latency, changed * rng.integers(self.darkest, self.brightest + 1))
+        phase = (np.arange(poses) + rng.integers(LIGHT_POSES)) // LIGHT_POSES
+        changed = rng.random(phase[-1] + 1) < 0.5
+        levels = changed * rng.integers(self.darkest, self.brightest + 1, len(changed))
+        return Trip(drive, latency, levels[phase])
 
 
 class NetworkCars:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rig.core.types import THESIS_LIMITS
+from rig.models.cars import LIGHT_POSES
 from rig.models.export import LICENCE
 from rig.models.paths import DriveSource
 from rig.vision.thumbnail import THUMBNAIL_PX
@@ -19,7 +20,7 @@ LIMITS = """## Limits
 
 Trained for one simulated camera model, one lens and one aperture: another aperture or sensor moves
 the settings that are right (thesis 5.3). It has seen only the kinds of world and the speeds of its
-drives. It answers for the next frame; a camera that applies settings later costs it something.
+drives. A camera that applies settings later than in the next frame costs it something.
 The figures above count matches by ground truth and interpolate between settings: they choose
 between trainings, and only races say how good a network is."""
 
@@ -98,20 +99,32 @@ rig train --net {result.net} paths.npz --seed {recipe.seed} --steps {steps} \
 def _stages(result: PathTrainingResult) -> str:
     rows = [
         f"| {member.seed} | {number + 1}{' (kept)' if number == member.best_stage else ''} "
-        f"| {stage.loss:.4f} | {_reached(stage.held_back)} |"
+        f"| {stage.loss:.4f} | {_reached(stage.held_back)} | {_reached(stage.late)} |"
         for member in result.members
         for number, stage in enumerate(member.history)
     ]
     if len(result.members) > 1:
-        rows.append(f"| all | together | - | {_reached(result.together)} |")
+        rows.append(f"| all | together | - | {_reached(result.together)} | - |")
     table = "\n".join(rows)
     return f"""## Stages
 
 The first learns from random behaviours, the others from the network's own drives as well.
+{_trips(result)}
 
-| seed | stage | loss | held back, matches in closed loop: median / minimum of each drive |
-|---|---|---|---|
+| seed | stage | loss | held back, matches in closed loop: median / minimum of each drive | \
+the same, {max(result.recipe.chances.latencies)} frames late |
+|---|---|---|---|---|
 {table}"""
+
+
+def _trips(result: PathTrainingResult) -> str:
+    chances = result.recipe.chances
+    latencies = ", ".join(map(str, chances.latencies))
+    return (
+        f"Settings took effect {latencies} frames late, each as likely. In {100 * chances.relit:g} "
+        f"% of the drives the light changed every {LIGHT_POSES} poses, by {chances.darkest} to "
+        f"{chances.brightest} steps of exposure."
+    )
 
 
 def _reached(scores: Sequence[Score]) -> str:

@@ -200,16 +200,21 @@ OBJECTIVES: Mapping[str, Callable[[ScoreMapNetwork, Batch, PathRecipe], Tensor]]
 
 @dataclass(frozen=True, slots=True)
 class StageResult:
-    """The last smoothed loss of a stage, and what the network then reached when held back."""
+    """The last smoothed loss of a stage, and what the network then reached when held back.
+
+    `late` is with cameras of the longest latency that it learned for; empty where that is none.
+    """
 
     loss: float
     held_back: tuple[Score, ...]
+    late: tuple[Score, ...] = ()
 
     @property
     def worth(self) -> float:
         """Return what stages are compared by: log median and, at 0.3 of it, log minimum."""
+        reached = (*self.held_back, *self.late)
         return float(
-            np.mean([math.log(s.median + 1) + 0.3 * math.log(s.min + 20) for s in self.held_back])
+            np.mean([math.log(s.median + 1) + 0.3 * math.log(s.min + 20) for s in reached])
         )
 
 
@@ -262,8 +267,10 @@ class PathFit:
         loss = self._train(samples, number, rng, progress)
         if not math.isfinite(loss):
             raise ModelError(f"training diverged in stage {number + 1}: its loss is {loss}")
-        reached = scores(NetworkCars(self.network), self._held_back, self.grid)
-        self.history.append(StageResult(loss, tuple(reached)))
+        reached = self._reached(0)
+        latency = max(recipe.chances.latencies)
+        late = self._reached(latency) if latency else ()
+        self.history.append(StageResult(loss, reached, late))
         if not reached or self.history[-1].worth > self.history[self.best_stage].worth:
             self.best_stage = number
         if self.best_stage == number:
@@ -300,7 +307,10 @@ class PathFit:
             "best": self._best,
             "best_stage": self.best_stage,
             "history": [
-                [one.loss, [[score.median, score.min] for score in one.held_back]]
+                [
+                    one.loss,
+                    *([[s.median, s.min] for s in some] for some in (one.held_back, one.late)),
+                ]
                 for one in self.history
             ],
             "own": [
@@ -318,13 +328,16 @@ class PathFit:
         self.network.load_state_dict(state["network"])
         self._best, self.best_stage = state["best"], state["best_stage"]
         self.history = [
-            StageResult(loss, tuple(Score(*score) for score in held_back))
-            for loss, held_back in state["history"]
+            StageResult(loss, *(tuple(Score(*score) for score in some) for some in reached))
+            for loss, *reached in state["history"]
         ]
         self._own = [
             Journey(Trip(drive, latency, light.numpy()), frames.numpy(), used.numpy())
             for (drive, latency, light), frames, used in state["own"]
         ]
+
+    def _reached(self, latency: int) -> tuple[Score, ...]:
+        return tuple(scores(NetworkCars(self.network), self._held_back, self.grid, latency))
 
     def _new_network(self) -> ScoreMapNetwork:
         return ScoreMapNetwork(self.grid, smoothing=self.recipe.smoothing, width=self.recipe.width)

@@ -81,6 +81,7 @@ def test_it_learns_to_follow_the_light(objective: str) -> None:
     assert losses[-1] < 0.9 * losses[0]
     assert reached.median > standing.median + 100
     assert reached.median > 300
+    assert fit.history[-1].late == tuple(scores(NetworkCars(fit.network), [make_drive(9)], GRID, 2))
 
 
 def test_the_answer_lies_around_the_best_cells() -> None:
@@ -142,15 +143,18 @@ def test_no_lesson_knows_that_the_light_will_change() -> None:
 def test_trips_are_as_likely_late_and_relit_as_asked_for() -> None:
     rng = np.random.default_rng(0)
     chances = Chances(latencies=(0, 2), relit=0.5, darkest=-1, brightest=2)
-    trips = [chances.trip(5, 30, rng) for _ in range(400)]
+    trips = [chances.trip(5, 100, rng) for _ in range(400)]
     assert {trip.drive for trip in trips} == {5}
     assert {trip.latency for trip in trips} == {0, 2}
     assert sum(trip.latency == 2 for trip in trips) == pytest.approx(200, abs=50)
     relit = [trip for trip in trips if len(trip.light) > 1]
     assert len(relit) == pytest.approx(200, abs=50)
     assert {int(steps) for trip in relit for steps in trip.light} == {-1, 0, 1, 2}
-    assert all(np.count_nonzero(np.diff(trip.light)) <= 1 for trip in relit)
-    assert {len(trip.light) for trip in relit} == {30}
+    assert {len(trip.light) for trip in relit} == {100}
+    levels = np.stack([trip.light for trip in relit])
+    assert np.mean(levels == 0) == pytest.approx(0.5 + 0.5 / 4, abs=0.1)
+    changes = [np.flatnonzero(np.diff(one)) for one in levels]
+    assert {int(gap) % 30 for one in changes for gap in np.diff(one)} == {0}
 
 
 def test_cars_are_told_what_they_asked_for_last() -> None:
@@ -177,7 +181,8 @@ def test_the_file_drives_as_the_network_does(trained: Path) -> None:
     gained = dark.exposure_us * 10 ** (dark.gain_db / 20)
     assert gained > 2 * bright.exposure_us * 10 ** (bright.gain_db / 20)
     card = trained.with_suffix(".md").read_text()
-    for words in ("map-small", "rig targets", "--hold-back", "(kept)", "seed=3"):
+    late = ("Settings took effect 0, 2 frames late", "In 30 %", "the same, 2 frames late")
+    for words in ("map-small", "rig targets", "--hold-back", "(kept)", "seed=3", *late):
         assert words in card
 
 
