@@ -31,7 +31,7 @@ from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail
 
-RECIPE = "1"
+RECIPE = "2"
 """Counts the ways in which drives were measured; what another way left in the cache is not used."""
 
 LARGEST_MOVE_EV = 3.2
@@ -40,7 +40,10 @@ LARGEST_MOVE_EV = 3.2
 HOPELESS_SATURATED = 0.97
 """A picture with more saturated pixels than this has no features worth looking for."""
 
-_POSES_A_PIECE = 20
+SHARP_US = 210.0
+"""A shorter exposure is not blurred: it smears one point in a hundred by a fifth of a pixel."""
+
+_POSES_A_PIECE = 40
 _NO_FEATURES = OrbFeatures(np.empty((0, 2), np.float32), np.empty((0, 32), np.uint8))
 
 Progress = Callable[[int, int], None]
@@ -191,7 +194,8 @@ def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> tuple[NDArray[np.ui
         darkest = Settings(exposure_us, grid.gains_db[0])
         sharp = opened.sensor.develop(view.radiance_cd_m2, darkest, pose)
         hopeless = np.mean(sharp >= 250) > HOPELESS_SATURATED
-        radiance = view.radiance_cd_m2 if hopeless else view.exposed(exposure_us)
+        unblurred = hopeless or exposure_us < SHARP_US
+        radiance = view.radiance_cd_m2 if unblurred else view.exposed(exposure_us)
         for number, gain_db in enumerate(grid.gains_db):
             noise_seed = (pose * len(grid) + index * len(grid.gains_db) + number) * 2 + 1
             picture = opened.sensor.develop(radiance, Settings(exposure_us, gain_db), noise_seed)
