@@ -86,12 +86,12 @@ def _remake(result: PathTrainingResult) -> str:
     half = "--half " if result.half else ""
     if len(result.members) > 1:
         half += f"--members {len(result.members)} "
-    steps = ",".join(map(str, recipe.steps))
+    steps = " ".join(f"--steps {number}" for number in recipe.steps)
     return f"""## Made with
 
 ```sh
 rig targets {cameras} --metric path --out paths.npz
-rig train --net {result.net} paths.npz --seed {recipe.seed} --steps {steps} \
+rig train --net {result.net} paths.npz --seed {recipe.seed} {steps} \
 --batch-size {recipe.batch_size} {half}{held_back}--out {shlex.quote(result.model.name)}
 ```"""
 

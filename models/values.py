@@ -31,7 +31,7 @@ class Utility:
     barrier: float = 60.0
     softness: float = 20.0
     discount: float = 0.9
-    opposed_cost: float = 0.0
+    opposed_cost: float = 0.02
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:

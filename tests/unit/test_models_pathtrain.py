@@ -29,6 +29,7 @@ QUICK = PathRecipe(
     learning_rates=(5e-3, 2e-3),
     batch_size=32,
     behaviours=2,
+    own_journeys=2,
     chances=Chances(latencies=(0, 2), relit=0.3),
 )
 
@@ -110,7 +111,7 @@ def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
     cells = np.random.default_rng(4).integers(0, len(GRID), 40)
     used = GRID.cells()[cells]
     frames = drive.thumbnails[np.arange(40), cells]
-    worth = move_values(drive.moves, Utility())
+    worth = move_values(drive.moves, Utility(), GRID.opposed_ev())
     for late in (0, 2):
         samples = gather([Journey(Trip(0, late), frames, used)], lessons)
         assert len(samples) == 39 - late
@@ -182,7 +183,15 @@ def test_the_file_drives_as_the_network_does(trained: Path) -> None:
     assert gained > 2 * bright.exposure_us * 10 ** (bright.gain_db / 20)
     card = trained.with_suffix(".md").read_text()
     late = ("Settings took effect 0, 2 frames late", "In 30 %", "the same, 2 frames late")
-    for words in ("map-small", "rig targets", "--hold-back", "(kept)", "seed=3", *late):
+    for words in (
+        "map-small",
+        "rig targets",
+        "--hold-back",
+        "(kept)",
+        "seed=3",
+        "--steps 60 --steps 20",
+        *late,
+    ):
         assert words in card
 
 

@@ -158,7 +158,7 @@ def test_moves_along_equal_brightness_cost_and_others_do_not() -> None:
     moves = np.full((6, len(GRID), len(GRID)), 300, np.int16)
     dear = move_values(moves, Utility(opposed_cost=0.1), opposed)
     assert dear[0, 4, 1] == pytest.approx(dear[0, 4, 4] - 0.1 * opposed[4, 1], abs=1e-5)
-    free = move_values(moves, Utility(), opposed)
+    free = move_values(moves, Utility(opposed_cost=0.0), opposed)
     assert free[0, 4, 1] == free[0, 4, 4]
 
 
