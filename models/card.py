@@ -10,16 +10,20 @@ from pathlib import Path
 from urllib.parse import parse_qs
 
 from rig.core.types import THESIS_LIMITS
-from rig.models.export import LICENCE, Parity
+from rig.models.export import LICENCE, Parity, int8_file
 from rig.models.fit import EpochLoss, Recipe
 from rig.models.networks import NETWORKS
 from rig.models.split import Split
 from rig.models.targets import RecordingSource, Targets
+from rig.models.timing import BAYER_PX, Cost
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """A trained and exported network; `best_epoch` counts from 0 and is the one exported."""
+    """A trained and exported network; `best_epoch` counts from 0 and is the one exported.
+
+    `costs` are those of the float32 file and of the one in 8-bit integers, where there is one.
+    """
 
     model: Path
     card: Path
@@ -33,6 +37,7 @@ class TrainingResult:
     training_sha256: str
     half: bool
     parity: Parity
+    costs: tuple[Cost, Cost] | None = None
 
 
 def write_card(result: TrainingResult, results: Mapping[str, str] | None = None) -> None:
@@ -103,13 +108,13 @@ def _remake(result: TrainingResult) -> str:
             f"--alpha {targets.alpha:g} --out {shlex.quote(path.name)}"
         )
     recipe = result.recipe
-    half = "--half " if result.half else ""
+    stored = ("--half " if result.half else "") + ("--int8 " if result.costs else "")
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     files = " ".join(shlex.quote(path.name) for path, _ in result.files)
     lines.append(
         f"rig train --net {recipe.net} {files} --seed {recipe.seed} --epochs {recipe.epochs} "
         f"--batch-size {recipe.batch_size} --learning-rate {recipe.learning_rate:g} "
-        f"--patience {recipe.patience} {half}{held_back}--out {shlex.quote(result.model.name)}"
+        f"--patience {recipe.patience} {stored}{held_back}--out {shlex.quote(result.model.name)}"
     )
     commands = "\n".join(lines)
     return f"""## Made with
@@ -163,7 +168,32 @@ def _proof(result: TrainingResult) -> str:
     return f"""## Proof of export
 
 Largest difference from the trained network {parity.difference:.1e}, over samples whose answers
-range over {parity.spread:.2f} of the limits.{half}"""
+range over {parity.spread:.2f} of the limits.{half}{_int8(result)}"""
+
+
+def _int8(result: TrainingResult) -> str:
+    moved = result.parity.int8
+    if moved is None or result.costs is None:
+        return ""
+    files = (result.model, int8_file(result.model))
+    rows = "\n".join(
+        f"| `{file.name}` | {cost.size_bytes:,} | {cost.forward.median_ms:.2f} | "
+        f"{cost.decision.median_ms:.2f} |"
+        for file, cost in zip(files, result.costs, strict=True)
+    )
+    return f"""
+
+## In 8-bit integers
+
+`{files[1].name}` has convolutions of 8-bit integers, scaled on {moved.calibration} training
+samples. Over the samples of the proof, answers moved by {moved.mean:.1e} in the mean (of the
+setting that moved more) and by {moved.largest:.1e} at most, in shares of the limits.
+
+| file | bytes | forward pass, ms | decision from {BAYER_PX[0]} x {BAYER_PX[1]} Bayer, ms |
+|---|---|---|---|
+{rows}
+
+Medians, on one core of the machine that trained it."""
 
 
 def _races(results: Mapping[str, str]) -> str:

@@ -11,7 +11,7 @@ import logging
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +25,7 @@ from torch import Tensor, nn
 from rig.core.errors import ModelError
 from rig.core.types import THESIS_LIMITS, Limits
 from rig.models.dataset import FRAMES, Batch
+from rig.models.int8 import LARGEST_MOVE, MEAN_MOVE, Moved, moved, quantised
 from rig.models.networks import ExposureNetwork, with_gain
 from rig.models.widen import filled, widened
 
@@ -43,12 +44,14 @@ class Parity:
 
     `difference` compares the float32 file with torch, `half_difference` the file with weights
     stored in half precision with the float32 one (0 when they are not). `spread` is the larger
-    range of the two outputs: equal answers prove nothing when every answer is the same.
+    range of the two outputs: equal answers prove nothing when every answer is the same. `int8` is
+    the same for the file in 8-bit integers, None where there is none.
     """
 
     difference: float
     half_difference: float
     spread: float
+    int8: Moved | None = None
 
 
 def export_network(
@@ -61,22 +64,31 @@ def export_network(
     seed: int,
     limits: Limits = THESIS_LIMITS,
     half: bool = False,
+    calibration: Batch | None = None,
 ) -> Parity:
     """Write `out`, after proving on `samples` that it answers as the network does.
 
     `half` stores the large weights in half precision, to be widened when the file is loaded: half
-    the size, the arithmetic stays float32. Raises ModelError when the answers differ by more
-    than 1e-5 (2e-3 for half-precision weights) or vary by less than 0.01 over the samples.
+    the size, the arithmetic stays float32. With `calibration` samples a second file,
+    `int8_file(out)`, has convolutions of 8-bit integers. Raises ModelError when the answers
+    differ by more than 1e-5 (2e-3 for half-precision weights; for integers 0.1, or 0.02 in the
+    mean) or vary by less than 0.01 over the samples; then no file is written.
     """
     return write_proven(
         network,
-        _driving(network),
+        driving_form(network),
         out,
-        Proof(samples.images.astype(np.float32) / np.float32(255), samples.settings),
+        _shown(samples),
         {"net": net, "training_sha256": training_sha256, "seed": str(seed), "input": INPUT},
         limits=limits,
         half=half,
+        calibration=None if calibration is None else _shown(calibration),
     )
+
+
+def int8_file(out: Path) -> Path:
+    """Return where the file in 8-bit integers lies: beside `out`."""
+    return out.with_suffix(".int8.onnx")
 
 
 class Proof(NamedTuple):
@@ -84,6 +96,10 @@ class Proof(NamedTuple):
 
     images: NDArray[np.float32]
     settings: NDArray[np.float32]
+
+
+def _shown(samples: Batch) -> Proof:
+    return Proof(samples.images.astype(np.float32) / np.float32(255), samples.settings)
 
 
 def write_proven(
@@ -95,21 +111,35 @@ def write_proven(
     *,
     limits: Limits = THESIS_LIMITS,
     half: bool = False,
+    calibration: Proof | None = None,
 ) -> Parity:
     """Write `driving`, the `trained` network in the form that drives, after proving them equal.
 
     `properties` join the metadata. Raises ModelError as `export_network` does.
     """
     expected = _answers_of_torch(trained, proof)
-    model = _to_onnx(driving, proof)
-    answers = _answers_of_onnx(model, proof)
+    full = to_onnx(driving, proof)
+    answers = _answers_of_onnx(full, proof)
     parity = Parity(float(np.abs(answers - expected).max()), 0.0, float(np.ptp(answers, 0).max()))
+    files = {out: full}
     if half:
-        model = _with_half_weights(model)
-        rounded = _answers_of_onnx(model, proof)
-        parity = Parity(parity.difference, float(np.abs(rounded - answers).max()), parity.spread)
+        files[out] = _with_half_weights(full)
+        rounded = _answers_of_onnx(files[out], proof)
+        parity = replace(parity, half_difference=float(np.abs(rounded - answers).max()))
+    if calibration is not None:
+        files[int8_file(out)] = small = quantised(full, *calibration)
+        by = moved(answers, _answers_of_onnx(small, proof), len(calibration.images))
+        parity = replace(parity, int8=by)
     _require_proof(parity, out)
-    metadata = {
+    out.parent.mkdir(parents=True, exist_ok=True)
+    for path, model in files.items():
+        _write(model, path, _facts(limits) | dict(properties))
+    return parity
+
+
+def _facts(limits: Limits) -> dict[str, str]:
+    """Return the metadata that every file has."""
+    return {
         "schema": SCHEMA,
         "exposure_us_lo": str(limits.exposure_us[0]),
         "exposure_us_hi": str(limits.exposure_us[1]),
@@ -118,15 +148,23 @@ def write_proven(
         "frames": str(FRAMES),
         "licence": LICENCE,
     }
-    onnx.helper.set_model_props(model, metadata | dict(properties))
-    out.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _write(model: onnx.ModelProto, out: Path, properties: dict[str, str]) -> None:
+    onnx.helper.set_model_props(model, properties)
     unfinished = out.with_name(out.name + ".part")
-    unfinished.write_bytes(model.SerializeToString(deterministic=True))
+    unfinished.write_bytes(serialised(model))
     unfinished.replace(out)
-    return parity
 
 
-def _driving(network: nn.Module) -> nn.Module:
+def serialised(model: onnx.ModelProto) -> bytes:
+    """Return the bytes of an ONNX file, equal for equal models."""
+    content: bytes = model.SerializeToString(deterministic=True)
+    return content
+
+
+def driving_form(network: nn.Module) -> nn.Module:
+    """Return the same function in the form that answers fastest."""
     return _DrivingNetwork(network) if isinstance(network, ExposureNetwork) else network
 
 
@@ -153,7 +191,8 @@ class _DrivingNetwork(nn.Module):
         return with_gain(self.head(torch.flatten(self.stages(pooled), 1)))
 
 
-def _to_onnx(network: nn.Module, proof: Proof) -> onnx.ModelProto:
+def to_onnx(network: nn.Module, proof: Proof) -> onnx.ModelProto:
+    """Return `network` as ONNX, for any number of samples shaped as those of `proof`."""
     example = tuple(torch.zeros(2, *values.shape[1:]) for values in proof)
     batch = torch.export.Dim("batch")
     with _quiet_exporter():
@@ -238,6 +277,12 @@ def _require_proof(parity: Parity, out: Path) -> None:
         raise ModelError(
             f"{out}: half-precision weights change answers by {parity.half_difference:.2g} "
             f"(allowed {HALF_PARITY:g}); store them in full"
+        )
+    if parity.int8 is not None and not parity.int8.allowed:
+        raise ModelError(
+            f"{out}: 8-bit integers move answers by {parity.int8.mean:.2g} in the mean and at most "
+            f"{parity.int8.largest:.2g} (allowed {MEAN_MOVE:g} and {LARGEST_MOVE:g}); nothing was "
+            "written; leave out --int8, training goes on from its checkpoint"
         )
     if not parity.spread >= SMALLEST_SPREAD:
         raise ModelError(

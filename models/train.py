@@ -12,14 +12,16 @@ import torch
 from rig.core.errors import ModelError, UsageError
 from rig.models.card import TrainingResult, write_card
 from rig.models.dataset import Batch, Samples
-from rig.models.export import export_network
+from rig.models.export import export_network, int8_file
 from rig.models.fit import Checkpoint, Fit, Progress, Recipe, identity
 from rig.models.plot import write_losses
 from rig.models.search import best_recipe
 from rig.models.split import hold_back
 from rig.models.targets import Targets, refuse_existing
+from rig.models.timing import cost_of
 
 PROOF_SAMPLES = 64
+CALIBRATION_SAMPLES = 64
 
 
 def train(
@@ -35,19 +37,23 @@ def train(
     search: int = 0,
     held_back: Sequence[str] = (),
     half: bool = False,
+    int8: bool = False,
     progress: Progress | None = None,
 ) -> TrainingResult:
     """Train `net` on target files and write `out` (ONNX) with its model card and losses beside it.
 
     With `search`, so many trainings choose the learning rate and the batch size first.
     `held_back` names recordings to validate on; without it one world in five is held back, and
-    of a single world none. `half` stores the weights in half precision. An interrupted training
-    leaves a checkpoint beside `out`; the same call goes on from the last whole epoch and ends in
-    the same weights. Raises UsageError for a bad option, RecordingError for a bad target file,
-    ModelError when training cannot work, diverges, or leaves a network that answers all alike.
+    of a single world none. `half` stores the weights in half precision; `int8` writes a second
+    file, in 8-bit integers. An interrupted training leaves a checkpoint beside `out`; the same
+    call goes on from the last whole epoch and ends in the same weights. Raises UsageError for a
+    bad option, RecordingError for a bad target file, ModelError when training cannot work,
+    diverges, or leaves a network that answers all alike or not nearly the same in integers.
     """
     recipe = Recipe(net, seed, epochs, batch_size, learning_rate, patience)
     _require_new(out)
+    if int8:
+        refuse_existing(int8_file(out))
     if not targets:
         raise UsageError("no target files given: make one with `rig targets`")
     files = [Targets.load(path) for path in targets]
@@ -69,11 +75,12 @@ def train(
     parity = export_network(
         fit.best_network(),
         out,
-        _proof_samples(validation if len(validation) else training),
+        _spread(validation if len(validation) else training, PROOF_SAMPLES),
         net=net,
         training_sha256=digest,
         seed=seed,
         half=half,
+        calibration=_spread(training, CALIBRATION_SAMPLES) if int8 else None,
     )
     result = TrainingResult(
         model=out,
@@ -88,6 +95,7 @@ def train(
         training_sha256=digest,
         half=half,
         parity=parity,
+        costs=(cost_of(out), cost_of(int8_file(out))) if int8 else None,
     )
     write_card(result)
     write_losses(out.with_suffix(".svg"), _curves(fit), "epoch")
@@ -125,9 +133,9 @@ def _require_new(out: Path) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _proof_samples(samples: Samples) -> Batch:
-    """Return samples from all over the drives, to prove the exported file on."""
-    count = min(PROOF_SAMPLES, len(samples))
+def _spread(samples: Samples, count: int) -> Batch:
+    """Return at most `count` samples from all over the drives."""
+    count = min(count, len(samples))
     return samples.batch(np.linspace(0, len(samples) - 1, count).astype(np.intp))
 
 

@@ -257,6 +257,8 @@ def test_options_of_the_other_kind_are_refused(
     out = ["--out", str(tmp_path / "x.onnx")]
     assert run(["train", "p.npz", "--net", "map-small", "--epochs", "3", *out]) == 2
     assert "--epochs does not go with --net map-small" in capsys.readouterr().err
+    assert run(["train", "p.npz", "--net", "map-small", "--int8", *out]) == 2
+    assert "--int8 does not go with --net map-small" in capsys.readouterr().err
     assert run(["train", "p.npz", "--net", "dual-small", "--steps", "3", *out]) == 2
     assert "--steps does not go with --net dual-small" in capsys.readouterr().err
     for command, complaint in (

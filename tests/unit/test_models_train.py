@@ -237,6 +237,26 @@ def test_test_worlds_are_named_on_the_card(tmp_path: Path) -> None:
     assert " --half " in card
 
 
+def test_a_second_file_in_integers_and_its_loss_on_the_card(
+    files: list[Path], tmp_path: Path
+) -> None:
+    options = {"epochs": 12, "batch_size": 8, "learning_rate": 3e-3, "int8": True}
+    result = train(files, "toy", tmp_path / "n.onnx", **options)
+    small = tmp_path / "n.int8.onnx"
+    told, costs = result.parity.int8, result.costs
+    assert told is not None and costs is not None
+    assert [cost.size_bytes for cost in costs] == [
+        path.stat().st_size for path in (result.model, small)
+    ]
+    card = result.card.read_text()
+    assert " --int8 " in card
+    assert f"`n.int8.onnx` | {costs[1].size_bytes:,} | {costs[1].forward.median_ms:.2f}" in card
+    assert f"{told.mean:.1e} in the mean" in card and f"{told.largest:.1e} at most" in card
+    result.model.unlink()
+    with pytest.raises(UsageError, match=r"n\.int8\.onnx exists"):
+        train(files, "toy", tmp_path / "n.onnx", **options)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
