@@ -213,7 +213,7 @@ class ResNet18(nn.Module):
         """Return the next (exposure, gain), N x 2, in 0..1 of the limits, not clamped."""
         pictures = images.reshape(-1, COLOURS, *images.shape[2:])
         exposures = settings.reshape(-1, FRAMES, 2)[:, :, :1]
-        features = self.trunk(pictures).reshape(len(exposures), FRAMES, -1) + exposures
+        features = self.trunk(pictures).unflatten(0, (-1, FRAMES)) + exposures
         return with_gain(self.head(features.flatten(1)))
 
 

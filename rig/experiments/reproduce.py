@@ -51,6 +51,11 @@ ITEMS: Mapping[str, Item] = {
         "rig.experiments.metric_paths",
         "compare",
     ),
+    "table-4.1": Item(
+        "parameters and forward passes of the networks, on one core of this machine",
+        "rig.experiments.forward_times",
+        "measure",
+    ),
     "fig-5.9": Item(
         "what four ways to make targets ask for along a drive through an underpass",
         "rig.experiments.target_profiles",

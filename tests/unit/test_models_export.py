@@ -14,7 +14,7 @@ from rig.controllers.network import NetworkController
 from rig.core.errors import ModelError
 from rig.core.types import THESIS_LIMITS, Frame, Limits
 from rig.models.dataset import Batch, scale_settings
-from rig.models.export import export_network
+from rig.models.export import Proof, export_network, to_onnx
 from rig.models.measuring import stretches
 from rig.models.metrics import METRICS
 from rig.models.networks import ExposureNetwork, make_network
@@ -76,6 +76,13 @@ def test_file_answers_as_the_network_at_every_batch_size(
         answers = _answers(folder / f"{name}.onnx", batch)
         assert answers.shape == (count, 2)
         np.testing.assert_allclose(answers, expected, atol=tolerance, rtol=0)
+
+
+def test_the_resnet_too_takes_any_number_of_samples() -> None:
+    images, settings = (values.astype(np.float32) for values in _batch(2)[:2])
+    model = to_onnx(make_network("resnet18"), Proof(images, settings))
+    for described in (*model.graph.input, *model.graph.output):
+        assert described.type.tensor_type.shape.dim[0].dim_param
 
 
 def test_half_precision_halves_the_file(folder: Path) -> None:
