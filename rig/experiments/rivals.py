@@ -51,20 +51,27 @@ RIVALS: Mapping[str, Variants] = {
             metering=("average", "partial"),
         ),
         "aeag:target_dn=140,damping=0.3,exposure_us_max=4000,metering=partial",
-        "aeag:target_dn=140,damping=0,exposure_us_max=3000,metering=partial",
+        "aeag:target_dn=155,damping=0.3,exposure_us_max=2000,metering=partial",
+        *_each(
+            "aeag",
+            target_dn=(140,),
+            damping=(0,),
+            exposure_us_max=(1000, 3000),
+            metering=("partial",),
+        ),
     ),
     "aeag, vendor": ("aeag:preset=vendor",),
     "ae": (
         *_each("ae", target_dn=(80, 110, 140), damping=(0.5,)),
         *_each("ae", target_dn=(110, 140), damping=(0,), gain_db=(0, 10, 20)),
-        "ae:target_dn=140,damping=0,gain_db=20,exposure_us_max=4000",
+        *_each("ae", target_dn=(140,), damping=(0,), gain_db=(20,), exposure_us_max=(2000, 4000)),
         "ae:target_dn=155,damping=0,gain_db=20",
         "ae:target_dn=140,damping=0,gain_db=25",
         "ae:target_dn=140,damping=0.3,gain_db=20",
     ),
     **{
         name: (
-            *_each(name, speed=(1,), exposure_us_max=(2000, 4000, 8000, 30000)),
+            *_each(name, speed=(1,), exposure_us_max=(500, 1000, 2000, 4000)),
             *_each(name, speed=(0.6,), exposure_us_max=(4000,)),
         )
         for name in ("mean-30", "mean-50", "mean-70")
@@ -72,7 +79,8 @@ RIVALS: Mapping[str, Variants] = {
     "geomean": (
         *_each("geomean", target=(0.3, 0.4, 0.5), exposure_us_max=(2000, 3000, 4000, 8000)),
         *_each("geomean", target=(0.4,), speed=(0.6, 1), exposure_us_max=(4000,)),
-        *_each("geomean", target=(0.6,), exposure_us_max=(3000, 4000)),
+        *_each("geomean", target=(0.6,), exposure_us_max=(1000, 2000)),
+        *_each("geomean", target=(0.5,), exposure_us_max=(500, 700, 1000, 1500)),
         "geomean:target=0.5,speed=0.6,exposure_us_max=3000",
         "geomean:target=0.2",
     ),
@@ -89,7 +97,7 @@ RIVALS: Mapping[str, Variants] = {
     ),
     "zhang": (
         *_each("zhang", rate=(0.3, 1, 3)),
-        *_each("zhang", rate=(3, 10), exposure_us_max=(4000,)),
+        *_each("zhang", rate=(3, 10, 30), exposure_us_max=(4000,)),
     ),
     "zhang, split": _each("zhang", gain=("split",), exposure_us_max=(4000, 10000), rate=(1, 3)),
     "kim": (

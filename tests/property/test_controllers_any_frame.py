@@ -33,7 +33,7 @@ def frames(draw: st.DrawFn) -> Frame:
 @pytest.mark.parametrize(
     "spec",
     [
-        "ae",
+        "ae:exposure_us_max=1e9",
         "aeag:exposure_us_max=1e9",
         "geomean",
         "kim:evaluations_max=6",

@@ -30,7 +30,7 @@ def test_defaults_are_resolved() -> None:
         "variant": "authors",
         "cost_spread": "1e-05",
         "evaluations_max": "15",
-        "rounds": "2",
+        "rounds": "1",
     }
 
 
@@ -90,5 +90,5 @@ def test_settings_outside_the_camera_are_refused_before_the_drive() -> None:
 def test_the_cap_and_the_start_reach_the_camera() -> None:
     controller = AeagController(exposure_us_max=5_000.0, start_us=8_000.0, target_dn=90.0)
     assert controller.reset(THESIS_LIMITS) == Auto(
-        Limits((75.0, 5_000.0), (0.0, 30.0)), 90.0, 0.0, Settings(5_000.0, 0.0), "partial"
+        Limits((75.0, 5_000.0), (0.0, 30.0)), 90.0, 0.3, Settings(5_000.0, 0.0), "partial"
     )

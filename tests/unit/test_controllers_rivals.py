@@ -74,7 +74,7 @@ def test_towards_the_middle_no_faster_than_the_built_in_law() -> None:
 def test_ae_keeps_its_gain_and_aeag_knows_the_vendor() -> None:
     command = AeController(gain_db=10.0).reset(THESIS_LIMITS)
     assert isinstance(command, Auto)
-    assert command.limits == Limits((75.0, 30_000.0), (10.0, 10.0))
+    assert command.limits == Limits((75.0, 4_000.0), (10.0, 10.0))
     assert command.start.gain_db == 10.0
     narrow = AeController(gain_db=20.0).reset(Limits((75.0, 9_000.0), (3.0, 12.0)))
     assert isinstance(narrow, Auto)
