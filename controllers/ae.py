@@ -21,7 +21,7 @@ class AeController:
     gain_db: float = 20.0
     target_dn: float = 140.0
     damping: float = 0.0
-    exposure_us_max: float = 30_000.0
+    exposure_us_max: float = 4_000.0
     metering: str = "average"
     start_us: float = 1_000.0
     _both: AeagController = field(init=False, repr=False)

@@ -45,8 +45,8 @@ class AeagController:
         }
     }
 
-    target_dn: float = 140.0
-    damping: float = 0.0
+    target_dn: float = 155.0
+    damping: float = 0.3
     exposure_us_max: float = 4_000.0
     metering: str = "partial"
     priority: str = "gain"

@@ -13,7 +13,7 @@ class FixedController:
     """Keeps `exposure_us` and `gain_db`; raises ValueError when they are no settings."""
 
     exposure_us: float = 500.0
-    gain_db: float = 20.0
+    gain_db: float = 10.0
     _settings: Settings = field(init=False)
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@ class GeomeanController:
 
     target: float = 0.5
     speed: float = 0.9
-    exposure_us_max: float = 3_000.0
+    exposure_us_max: float = 700.0
     _limits: Limits = field(init=False, default=THESIS_LIMITS)
     _metered_dn: float = field(init=False, default=0.0)
 

@@ -32,10 +32,10 @@ class KimController:
     that starts a new search. Raises ValueError for an option out of range.
     """
 
-    evaluations_max: int = 15
-    alpha: float = 10.0
-    length: float = 2.5
-    ridge: float = 3.0
+    evaluations_max: int = 10
+    alpha: float = 50.0
+    length: float = 15.5
+    ridge: float = 1.0
     noise: float = 0.05
     keep: float = 0.5
     gain_db_max: float = 12.0

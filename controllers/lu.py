@@ -42,7 +42,7 @@ class LuController:
     """
 
     threshold_dn: float = 80.0
-    coarse: int = 9
+    coarse: int = 5
     halvings: int = 3
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)

@@ -29,7 +29,7 @@ class MeanController:
 
     percent: float = 50.0
     speed: float = 1.0
-    exposure_us_max: float = 4_000.0
+    exposure_us_max: float = 1_000.0
     _limits: Limits = field(init=False, default=THESIS_LIMITS)
     _mean_dn: float = field(init=False, default=0.0)
 

@@ -29,7 +29,7 @@ CONTROLLERS: Mapping[str, str] = {
 """The class of each controller, in the module of the controller's name; loaded when asked for."""
 
 ALIASES: Mapping[str, tuple[str, Mapping[str, str]]] = {
-    "mean-30": ("mean", {"percent": "30", "exposure_us_max": "2000"}),
+    "mean-30": ("mean", {"percent": "30"}),
     "mean-50": ("mean", {"percent": "50"}),
     "mean-70": ("mean", {"percent": "70"}),
 }

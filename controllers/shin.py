@@ -76,11 +76,11 @@ class ShinController:
     Raises ValueError for an option out of range.
     """
 
-    tolerance: str = "0.5"
+    tolerance: str = "high"
     variant: str = "authors"
     cost_spread: float = 1e-5
     evaluations_max: int = 15
-    rounds: int = 2
+    rounds: int = 1
     _tolerance: float = field(init=False)
     _limits: Limits = field(init=False, default_factory=Limits)
     _command: Settings = field(init=False)

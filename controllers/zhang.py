@@ -54,7 +54,7 @@ class ZhangController:
     """
 
     pivot: float = 0.7
-    rate: float = 3.0
+    rate: float = 30.0
     gain: str = "heuristic"
     gain_db: float = 0.0
     exposure_us_max: float = 4_000.0

@@ -24,7 +24,7 @@ from rig.core.types import Intrinsics, Side, Truth
 from rig.drivers.scenes.trajectories import Vector
 from rig.drivers.scenes.wall import StillView
 
-CHESSBOARD_VERSION = "chessboard/2"
+CHESSBOARD_VERSION = "chessboard/3"
 BASELINE_M = 0.0392
 """Distance between the two cameras (thesis 5.1.1)."""
 
@@ -32,7 +32,7 @@ OPTIONS = ("board", "distortion")
 
 _HOLD_S = 0.2
 _DRIVE_S = 18.0
-_LUX = 6_000.0
+_LUX = 2_000.0
 _WHITE, _BLACK, _WALL = 0.85, 0.04, 0.35
 _SQUARE_M = 0.03
 _MARGIN_SQUARES = 1

@@ -23,7 +23,7 @@ from rig.drivers.scenes.trajectories import Vector
 from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Change, Plan
 
-DOOR_VERSION = "door/1"
+DOOR_VERSION = "door/2"
 OPTIONS = ("motion",)
 SPEED_MPS = 0.35
 

@@ -19,7 +19,7 @@ from rig.drivers.scenes.rooms import WOOD, Box, Builder, Face, Opening, mirrored
 from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Plan
 
-DOORWAY_VERSION = "doorway/1"
+DOORWAY_VERSION = "doorway/2"
 OPTIONS = ("motion",)
 SPEED_MPS = 1.4
 

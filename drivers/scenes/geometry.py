@@ -185,8 +185,12 @@ class Assembly:
         texels_per_m: float = 1.0,
         *,
         top: Material | None = None,
+        ends: Material | None = None,
     ) -> None:
-        """Add a box that follows the road's direction at its near end, without a bottom."""
+        """Add a box that follows the road's direction at its near end, without a bottom.
+
+        `top` and `ends`, those that look along the road, are of `material` unless given.
+        """
         s0, depth = along[0], along[1] - along[0]
         right, ahead, base = path.right(s0), path.ahead(s0), path.at(s0)
         rise = np.array([0.0, 1.0, 0.0])
@@ -196,19 +200,19 @@ class Assembly:
 
         (d0, d1), (h0, h1) = across, up
         sides = (
-            ((d0, 0.0), (d1, 0.0), -ahead),
-            ((d0, depth), (d1, depth), ahead),
-            ((d0, 0.0), (d0, depth), -right),
-            ((d1, 0.0), (d1, depth), right),
+            ((d0, 0.0), (d1, 0.0), -ahead, ends or material),
+            ((d0, depth), (d1, depth), ahead, ends or material),
+            ((d0, 0.0), (d0, depth), -right, material),
+            ((d1, 0.0), (d1, depth), right, material),
         )
-        for (da, fa), (db, fb), facing in sides:
+        for (da, fa), (db, fb), facing, stuff in sides:
             around = [
                 corner(da, h0, fa),
                 corner(db, h0, fb),
                 corner(db, h1, fb),
                 corner(da, h1, fa),
             ]
-            self.quad(around, facing, material, texels_per_m)
+            self.quad(around, facing, stuff, texels_per_m)
         lid = [corner(d0, h1, 0), corner(d1, h1, 0), corner(d1, h1, depth), corner(d0, h1, depth)]
         self.quad(lid, rise, top or material, texels_per_m)
 

@@ -20,7 +20,7 @@ from rig.drivers.scenes.rooms import Box, Builder, Opening
 from rig.drivers.scenes.weather import world_rng
 from rig.drivers.scenes.world import Plan
 
-INDOOR_VERSION = "indoor/1"
+INDOOR_VERSION = "indoor/2"
 OPTIONS = ("place", "motion")
 SPEED_MPS = 1.0
 

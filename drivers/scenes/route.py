@@ -15,7 +15,14 @@ import numpy as np
 
 from rig.drivers.scenes import materials
 from rig.drivers.scenes.geometry import Material, Quad
-from rig.drivers.scenes.street import LANE_M, ROAD_HALF_M, Street, bays
+from rig.drivers.scenes.street import (
+    LANE_M,
+    ROAD_HALF_M,
+    Lighting,
+    Street,
+    bays,
+    draw_lighting,
+)
 from rig.drivers.scenes.textures import street_textures
 from rig.drivers.scenes.traffic import CAR, VAN, Lane, Traffic, Vehicle, box_body
 from rig.drivers.scenes.trajectories import Bend, Knot, Path, Stop, Timetable, paced
@@ -34,7 +41,8 @@ _LINE_M = 6.0
 _TURN_M = 14.0 * math.pi / 2 + 6.0
 _TURN_PER_M = 1 / 14.0
 _VERGE_M = 11.0
-_WHITE_FRONT = ((-45.0, 0.0), (6.0, 0.0), (6.0, 14.0), (-45.0, 14.0))
+_LAMP_LEVEL = 0.55
+_FRONT = ((-45.0, 0.0), (6.0, 0.0), (6.0, 14.0), (-45.0, 14.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +68,7 @@ class Layout:
     bends: tuple[Bend, ...]
     wait_weights: tuple[float, ...]
     weather: Weather
-    lamp_cd_m2: float
-    lamp_step_m: float
+    lightings: tuple[Lighting, ...]
     rough_outside: float
     open_share: float
 
@@ -107,9 +114,10 @@ def draw_layout(rng: np.random.Generator) -> Layout:
         bends=tuple(bends),
         wait_weights=tuple(rng.uniform(0.8, 1.25) for _ in range(3)),
         weather=draw_weather(rng, math.pi, 180.0),
-        lamp_cd_m2=rng.uniform(265e3, 300e3),
-        lamp_step_m=rng.uniform(5.0, 7.0),
-        rough_outside=rng.uniform(4.0, 5.0),
+        lightings=tuple(
+            draw_lighting(rng, side.entrance_m, side.exit_m, _LAMP_LEVEL) for side in _tubes(sides)
+        ),
+        rough_outside=rng.uniform(6.0, 7.0),
         open_share=rng.uniform(0.92, 1.08),
     )
 
@@ -158,8 +166,8 @@ def route(seed: int, split: str, speed_mps: float) -> Plan:
     )
 
 
-def _tubes(layout: Layout) -> list[Side]:
-    return [side for side in layout.sides if math.isfinite(side.entrance_m)]
+def _tubes(sides: Sequence[Side]) -> list[Side]:
+    return [side for side in sides if math.isfinite(side.entrance_m)]
 
 
 def _pace(layout: Layout, stops_m: Sequence[float] = ()) -> tuple[Knot, ...]:
@@ -212,7 +220,7 @@ def _vehicle(lane: int, timetable: Timetable, start_s: float, rng: np.random.Gen
 def _roughness(layout: Layout) -> tuple[Knot, ...]:
     """Return rough paving outside and smooth asphalt in the underpasses."""
     knots: list[Knot] = []
-    for side in _tubes(layout):
+    for side in _tubes(layout.sides):
         rough, smooth = layout.rough_outside, 0.2
         knots += [Knot(side.entrance_m - 3.0, rough), Knot(side.entrance_m, smooth)]
         knots += [Knot(side.exit_m, smooth), Knot(side.exit_m + 3.0, rough)]
@@ -223,10 +231,12 @@ def _build(layout: Layout, street: Street) -> list[Quad]:
     for side in layout.sides:
         if math.isfinite(side.entrance_m):
             _open(street, (side.start_m, side.entrance_m))
-            _underpass(street, side, layout)
+            _underpass(street, side)
             _square(street, (side.exit_m, side.end_m))
         else:
             _open(street, (side.start_m, side.end_m))
+    for lighting in layout.lightings:
+        street.lamps(lighting)
     _plain(street, layout)
     return street.quads
 
@@ -243,27 +253,25 @@ def _open(street: Street, along: tuple[float, float]) -> None:
 
 
 def _square(street: Street, along: tuple[float, float]) -> None:
-    """Build a light square, closed by white houses beyond the turn."""
+    """Build a light square, closed by a white front beyond the turn."""
     for bay in bays(*along):
-        street.ground(bay, materials.PLAZA, _VERGE_M)
+        street.ground(bay, materials.SQUARE, _VERGE_M)
     for side in (-1.0, 1.0):
         for s_m in np.arange(along[0] + 5.0, along[1] - _TURN_M - 4.0, 9.0):
             street.bollard(float(s_m), side * (ROAD_HALF_M + street.rng.uniform(0.6, 3.0)))
     turn_m = along[1] - _TURN_M
     base, right, ahead = (f(turn_m) for f in (street.path.at, street.path.right, street.path.ahead))
     up = np.array([0.0, 1.0, 0.0])
-    front = [base + 27.0 * ahead + d * right + h * up for d, h in _WHITE_FRONT]
-    street.put.quad(front, -ahead, materials.WHITE)
+    front = [base + 27.0 * ahead + d * right + h * up for d, h in _FRONT]
+    street.put.quad(front, -ahead, materials.BRIGHT)
 
 
-def _underpass(street: Street, side: Side, layout: Layout) -> None:
+def _underpass(street: Street, side: Side) -> None:
     for index, bay in enumerate(bays(side.entrance_m, side.exit_m)):
         street.ground(bay, materials.TUBE)
         street.patch(bay[0])
         street.tube(bay, pillars=index % 2 == 1)
         street.roof(bay, 22.0)
-    for s_m in np.arange(side.entrance_m + 4.0, side.exit_m - 3.0, layout.lamp_step_m):
-        street.lamps(float(s_m), layout.lamp_cd_m2)
     street.portal(side.entrance_m, -1.0, 17.0)
     street.portal(side.exit_m, 1.0, 17.0)
     street.inner_signs(side.entrance_m + 2.0, side.exit_m - 3.0)

@@ -6,7 +6,9 @@ Lengths are metres, offsets from the centreline positive to the right; traffic k
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +23,10 @@ ROOF_M = 8.0
 LANE_M = 1.9
 BAY_M = 5.0
 _DIVIDER_M = -0.15
+_LAMP_CD_M2 = 430e3
+"""How bright the lamps of an underpass are if they hang every 6 m."""
+_LAMP_SHARES = (0.97, 1.12, 0.0, 0.95)
+"""How bright lamps are in the first 18 m, up to the dark stretch, in it, and behind it."""
 _LAMP_ROWS_M = (1.15, 3.6)
 
 
@@ -32,6 +38,41 @@ def bays(*cuts_m: float) -> list[tuple[float, float]]:
         seams.extend(float(s) for s in np.linspace(start, end, count + 1)[:-1])
     seams.append(cuts_m[-1])
     return list(pairwise(seams))
+
+
+class Lighting(NamedTuple):
+    """The lamps of an underpass; none works between `dark_from_m` and `dark_to_m`."""
+
+    entrance_m: float
+    exit_m: float
+    dark_from_m: float
+    dark_to_m: float
+    lamp_cd_m2: float
+    lamp_step_m: float
+
+    def share(self, s_m: float) -> float:
+        """Return how bright the lamps at one place are beside `lamp_cd_m2`."""
+        places = (self.entrance_m + 18.0, self.dark_from_m, self.dark_to_m)
+        return _LAMP_SHARES[bisect(places, s_m)]
+
+
+def draw_lighting(
+    rng: np.random.Generator, entrance_m: float, exit_m: float, level: float = 1.0
+) -> Lighting:
+    """Return the lamps of an underpass of about 80 m: the further apart, the brighter.
+
+    `level` is how bright it is beside that of `tunnel`.
+    """
+    step_m = rng.uniform(5.0, 7.0)
+    dark_from_m = entrance_m + rng.uniform(44.0, 46.0)
+    return Lighting(
+        entrance_m=entrance_m,
+        exit_m=exit_m,
+        dark_from_m=dark_from_m,
+        dark_to_m=dark_from_m + rng.uniform(10.5, 11.5),
+        lamp_cd_m2=level * _LAMP_CD_M2 * step_m / 6.0 * rng.uniform(0.93, 1.07),
+        lamp_step_m=step_m,
+    )
 
 
 class Street:
@@ -50,18 +91,20 @@ class Street:
     def ground(self, along: tuple[float, float], ground: m.Ground, verge_m: float = 60.0) -> None:
         """Lay one bay of road with its markings, kerbs, pavements and verges."""
         put, path = self.put, self.path
+        pavement_m, verge_up_m = (0.0, 0.0) if ground.kerb is None else (0.15, 0.1)
         put.floor(path, along, (-ROAD_HALF_M, ROAD_HALF_M), 0.0, ground.road, 2.0)
         dash = (along[0], along[0] + 2.2)
         put.floor(path, dash, (-0.07, 0.07), 0.012, ground.paint, solid=False)
         for side in (-1.0, 1.0):
             kerb = side * ROAD_HALF_M
             border = side * (WALL_M if ground.verge is None else ROAD_HALF_M + 3.0)
-            put.floor(path, along, (kerb, border), 0.15, ground.pavement, 1.5)
-            put.wall(path, along, kerb, (0.0, 0.15), ground.kerb, 1.0)
+            put.floor(path, along, (kerb, border), pavement_m, ground.pavement, 1.5)
+            if ground.kerb is not None:
+                put.wall(path, along, kerb, (0.0, 0.15), ground.kerb, 1.0)
             edge = (side * (ROAD_HALF_M - 0.35), side * (ROAD_HALF_M - 0.2))
             put.floor(path, along, edge, 0.012, ground.paint, solid=False)
             if ground.verge is not None and verge_m > ROAD_HALF_M + 3.0:
-                put.floor(path, along, (border, side * verge_m), 0.1, ground.verge, 0.4)
+                put.floor(path, along, (border, side * verge_m), verge_up_m, ground.verge, 0.4)
 
     def patch(self, from_m: float) -> None:
         """Mend the road with a patch of tar or leave a manhole cover in it, at times."""
@@ -85,17 +128,20 @@ class Street:
                 put.box(path, post, (face[0], face[1]), up, m.CONCRETE, 2.0)
         if pillars:
             up = (CEILING_M - 0.45, CEILING_M)
-            put.gate(path, along[0] + 2.2, (-WALL_M, WALL_M), up, m.METAL)
+            put.gate(path, along[0] + 2.2, (-WALL_M, WALL_M), up, m.CONCRETE)
 
     def roof(self, along: tuple[float, float], half_m: float) -> None:
         """Lay earth and grass over a bay of an underpass."""
         self.put.floor(self.path, along, (-half_m, half_m), ROOF_M, m.GRASS, 0.3)
 
-    def lamps(self, s_m: float, radiance_cd_m2: float) -> None:
-        """Hang the lamps of both tubes at one place."""
-        for across in _LAMP_ROWS_M:
-            for side in (-1.0, 1.0):
-                self._lamp(s_m, side * across, radiance_cd_m2)
+    def lamps(self, lighting: Lighting) -> None:
+        """Hang the lamps of both tubes of an underpass."""
+        places = np.arange(lighting.entrance_m + 4.0, lighting.exit_m - 3.0, lighting.lamp_step_m)
+        for s_m in places.tolist():
+            radiance_cd_m2 = lighting.share(s_m) * lighting.lamp_cd_m2
+            for across in _LAMP_ROWS_M:
+                for side in (-1.0, 1.0):
+                    self._lamp(s_m, side * across, radiance_cd_m2)
 
     def _lamp(self, s_m: float, across: float, radiance_cd_m2: float) -> None:
         """Hang one lamp in a housing whose sides keep its light out of drivers' eyes."""
@@ -160,10 +206,11 @@ class Street:
                 self.car(s_m, side * (ROAD_HALF_M + 1.2))
             s_m += rng.uniform(4.5, 11.0)
 
-    def facade(self) -> Material:
-        """Return a wall with windows."""
+    def facade(self, shade: float = 1.0) -> Material:
+        """Return a wall with windows, its albedo about 0.4 times `shade`."""
         tile = (self.rng.uniform(6.0, 10.0), self.rng.uniform(6.0, 9.0))
-        return Material(f"facade{self.rng.integers(4)}", tile, self.colour(), 0.08)
+        red, green, blue = (shade * v for v in self.colour())
+        return Material(f"facade{self.rng.integers(4)}", tile, (red, green, blue), 0.08)
 
     def sign(self, colour: Colour = (1.0, 1.0, 1.0)) -> Material:
         """Return a plate with writing."""
@@ -196,25 +243,26 @@ class Street:
 
     def car(self, s_m: float, across: float) -> None:
         """Leave a car beside or on the road."""
-        self._vehicle((s_m, s_m + 4.2), (across - 0.9, across + 0.9), (0.25, 1.5))
+        self._vehicle((s_m, s_m + 4.2), (across - 0.9, across + 0.9), (0.02, 1.5))
 
     def van(self, s_m: float, across: float) -> None:
         """Leave a delivery van beside or on the road."""
-        self._vehicle((s_m, s_m + 5.0), (across - 0.95, across + 0.95), (0.3, 2.4))
+        self._vehicle((s_m, s_m + 5.0), (across - 0.95, across + 0.95), (0.02, 2.4))
 
     def _vehicle(
         self, along: tuple[float, float], across: tuple[float, float], up: tuple[float, float]
     ) -> None:
-        body = Material(f"car{self.rng.integers(3)}", None, self.colour())
-        self.put.box(self.path, along, across, up, body, 2.0, top=m.METAL)
+        name, colour = f"car{self.rng.integers(3)}", self.colour()
+        sides, ends = Material(name, None, colour), Material(f"{name}-end", None, colour)
+        self.put.box(self.path, along, across, up, sides, 2.0, top=m.METAL, ends=ends)
 
     def bollard(self, s_m: float, across: float) -> None:
         """Put a block of light concrete, and a plastered wall further off."""
         put, path, rng = self.put, self.path, self.rng
         half, high = rng.uniform(0.2, 0.9), rng.uniform(0.5, 1.1)
         span = (across - half, across + half)
-        put.box(path, (s_m, s_m + 0.6), span, (0.1, high), m.LIGHT_CONCRETE, 2.0)
+        put.box(path, (s_m, s_m + 0.6), span, (0.0, high), m.LIGHT_CONCRETE, 2.0)
         side, near = math.copysign(1.0, across), abs(across) + rng.uniform(6.0, 16.0)
         inner, outer = sorted((side * near, side * (near + rng.uniform(3.0, 7.0))))
-        up = (0.1, rng.uniform(2.4, 4.0))
+        up = (0.0, rng.uniform(2.4, 4.0))
         put.box(path, (s_m, s_m + 4.0), (inner, outer), up, m.PLASTER)

@@ -128,9 +128,8 @@ def box_body(rng: np.random.Generator, size: Size, sides: Material, ends: Materi
     put = Assembly(rng)
     along, across = ((-0.5 * m, 0.5 * m) for m in (size.length_m, size.width_m))
     up = (size.low_m, size.high_m)
-    put.box(Path((), 1.0), along, across, up, sides, _TEXELS_PER_M, top=materials.METAL)
-    rear, front, *others = put.quads
-    return [replace(rear, material=ends), replace(front, material=ends), *others]
+    put.box(Path((), 1.0), along, across, up, sides, _TEXELS_PER_M, top=materials.METAL, ends=ends)
+    return put.quads
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,42 +13,43 @@ import numpy as np
 
 from rig.drivers.scenes import materials
 from rig.drivers.scenes.geometry import Quad
-from rig.drivers.scenes.street import ROAD_HALF_M, Street, bays
+from rig.drivers.scenes.street import ROAD_HALF_M, Lighting, Street, bays, draw_lighting
 from rig.drivers.scenes.textures import street_textures
 from rig.drivers.scenes.trajectories import Bend, Knot, Path, paced
 from rig.drivers.scenes.vehicle import shaken_drive
 from rig.drivers.scenes.weather import Weather, daylight, draw_weather, world_rng
 from rig.drivers.scenes.world import Plan
 
-TUNNEL_VERSION = "tunnel/6"
+TUNNEL_VERSION = "tunnel/7"
 
 _DRIVE_M = 12.0 * 13.9
 _BEHIND_M = 40.0
-_SEEN_AHEAD_M = 110.0
+_SEEN_AHEAD_M = 150.0
 _END_M = _DRIVE_M + _SEEN_AHEAD_M
-_PLAZA_M = 57.0
+_SQUARE_M = 60.0
+_FAR_SIDE_M = 95.0
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The numbers that a seed draws; `roughness` are shares of the usual shaking."""
+    """The numbers that a seed draws; `rough_...` are shares of the usual shaking."""
 
     entrance_m: float
     exit_m: float
     bend: Bend
     weather: Weather
-    lamp_cd_m2: float
-    lamp_step_m: float
-    rough_outside: float
+    lighting: Lighting
+    rough_street: float
+    rough_square: float
     rough_inside: float
     slow_inside: float
 
 
 def draw_layout(rng: np.random.Generator) -> Layout:
     """Return the layout of one world; the exit never stays in view from the entrance."""
-    entrance = rng.uniform(35.0, 40.0)
-    exit_ = entrance + rng.uniform(41.0, 44.0)
-    turn = rng.choice([-1.0, 1.0]) / rng.uniform(38.0, 44.0)
+    entrance = rng.uniform(35.0, 37.0)
+    exit_ = entrance + rng.uniform(78.0, 82.0)
+    turn = rng.choice([-1.0, 1.0]) / rng.uniform(72.0, 82.0)
     start = entrance + rng.uniform(-4.0, 2.0)
     bend = Bend(start, exit_ - start + rng.uniform(0.0, 6.0), turn)
     behind_driver = turn * bend.length_m + math.pi
@@ -56,12 +57,12 @@ def draw_layout(rng: np.random.Generator) -> Layout:
         entrance_m=entrance,
         exit_m=exit_,
         bend=bend,
-        weather=draw_weather(rng, behind_driver),
-        lamp_cd_m2=float(np.exp(rng.uniform(math.log(265e3), math.log(300e3)))),
-        lamp_step_m=rng.uniform(5.0, 7.0),
-        rough_outside=rng.uniform(4.0, 5.0),
-        rough_inside=rng.uniform(0.15, 0.25),
-        slow_inside=rng.uniform(0.53, 0.57),
+        weather=draw_weather(rng, behind_driver, 18.0),
+        lighting=draw_lighting(rng, entrance, exit_),
+        rough_street=rng.uniform(5.0, 6.0),
+        rough_square=rng.uniform(6.0, 7.0),
+        rough_inside=rng.uniform(0.2, 0.3),
+        slow_inside=rng.uniform(0.86, 0.89),
     )
 
 
@@ -93,13 +94,12 @@ def tunnel(seed: int, split: str, speed_mps: float) -> Plan:
 
 
 def _roughness(layout: Layout) -> tuple[Knot, ...]:
-    """Return rough paving outside and smooth asphalt in the underpass."""
-    outside, inside = layout.rough_outside, layout.rough_inside
+    """Return worn paving on the street, smooth asphalt in the underpass, setts on the square."""
     return (
-        Knot(layout.entrance_m - 3.0, outside),
-        Knot(layout.entrance_m, inside),
-        Knot(layout.exit_m, inside),
-        Knot(layout.exit_m + 3.0, outside),
+        Knot(layout.entrance_m - 3.0, layout.rough_street),
+        Knot(layout.entrance_m, layout.rough_inside),
+        Knot(layout.exit_m, layout.rough_inside),
+        Knot(layout.exit_m + 3.0, layout.rough_square),
     )
 
 
@@ -125,9 +125,8 @@ def _build(layout: Layout, street: Street) -> list[Quad]:
         street.tube(along, pillars=index % 2 == 1)
         street.roof(along, 45.0)
     for along in bays(exit_, _END_M):
-        street.ground(along, materials.PLAZA)
-    for s_m in np.arange(entrance + 4.0, exit_ - 3.0, layout.lamp_step_m):
-        street.lamps(float(s_m), layout.lamp_cd_m2)
+        street.ground(along, materials.SQUARE)
+    street.lamps(layout.lighting)
     street.portal(entrance, -1.0, 40.0)
     street.portal(exit_, 1.0, 40.0)
     street.inner_signs(entrance + 2.0, exit_ - 3.0)
@@ -135,25 +134,25 @@ def _build(layout: Layout, street: Street) -> list[Quad]:
     for side in (-1.0, 1.0):
         street.houses((-_BEHIND_M, entrance - 1.0), side)
         street.roadside((-25.0, entrance - 5.0), side)
-        _blocks(street, (exit_ + 4.0, exit_ + _PLAZA_M - 20.0), side)
-    _far_side(street, exit_ + _PLAZA_M)
+        _blocks(street, (exit_ + 4.0, exit_ + _SQUARE_M), side)
+    _far_side(street, exit_ + _FAR_SIDE_M)
     return street.quads
 
 
 def _blocks(street: Street, along: tuple[float, float], side: float) -> None:
-    """Put concrete blocks and plastered walls on the plaza."""
+    """Put concrete blocks and plastered walls on the square."""
     s_m = along[0]
     while s_m < along[1]:
         street.bollard(s_m, side * (ROAD_HALF_M + street.rng.uniform(0.6, 9.0)))
-        s_m += street.rng.uniform(4.5, 11.0)
+        s_m += street.rng.uniform(9.0, 18.0)
 
 
 def _far_side(street: Street, near_m: float) -> None:
-    """Close the plaza with a row of white houses, lit by the sun, that look at the tunnel."""
+    """Close the square with a row of houses, lit by the sun, that look at the tunnel."""
     across = -70.0
     while across < 70.0:
         wide = street.rng.uniform(10.0, 20.0)
-        up = (0.1, street.rng.uniform(9.0, 20.0))
+        up = (0.0, street.rng.uniform(12.0, 13.0))
         near = (near_m, near_m + 10.0)
         street.put.box(street.path, near, (across, across + wide), up, materials.WHITE)
         across += wide

@@ -37,12 +37,19 @@ def world_rng(name: str, split: str, seed: int, part: str) -> np.random.Generato
 
 
 def draw_weather(rng: np.random.Generator, azimuth_rad: float, spread_deg: float = 40.0) -> Weather:
-    """Return a clear or partly cloudy noon, its sun within `spread_deg` of an azimuth."""
+    """Return a clear or partly cloudy noon, its sun within `spread_deg` of an azimuth.
+
+    The ground gets 77,000 to 83,000 lx, whatever the height of the sun.
+    """
+    azimuth_rad += math.radians(rng.uniform(-spread_deg, spread_deg))
+    elevation_rad = math.radians(rng.uniform(40.0, 55.0))
+    sky_cd_m2 = rng.uniform(4500.0, 5500.0)
+    from_sun_lux = rng.uniform(7.7e4, 8.3e4) - math.pi * sky_cd_m2
     return Weather(
-        sun_azimuth_rad=azimuth_rad + math.radians(rng.uniform(-spread_deg, spread_deg)),
-        sun_elevation_rad=math.radians(rng.uniform(40.0, 55.0)),
-        sun_lux=rng.uniform(9e4, 1.05e5),
-        sky_cd_m2=rng.uniform(4000.0, 6500.0),
+        sun_azimuth_rad=azimuth_rad,
+        sun_elevation_rad=elevation_rad,
+        sun_lux=from_sun_lux / math.sin(elevation_rad),
+        sky_cd_m2=sky_cd_m2,
         cloud=rng.uniform(0.05, 0.5),
     )
 

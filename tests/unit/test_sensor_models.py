@@ -41,7 +41,7 @@ def test_a_model_is_read_from_a_file(tmp_path: Path) -> None:
         ("read_noise_e = 2.4", 'read_noise_e = "low"', "pixel.read_noise_e: Expected"),
         ("dsnu_e = 0.5", "dsnu_e = 0.5\nnoise = 1", "pixel: .*unknown field `noise`"),
         ("[lens]", "[lense]", "top level: .*unknown field `lense`"),
-        ("f_number = 14.0", "", "lens: .*missing required field `f_number`"),
+        ("f_number = 8.0", "", "lens: .*missing required field `f_number`"),
         ("gain_db = [0.0, 47.99]", "gain_db = [9.0, 4.0]", "controls: gain_db must go from low"),
         ('curve = "linear"', 'curve = "loglog"', "response.curve: .*loglog"),
         ('curve = "linear"', 'curve = "linear"\ngamma = 2.0', "response: .*unknown field `gamma`"),

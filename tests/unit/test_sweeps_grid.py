@@ -42,7 +42,7 @@ def test_a_played_path_counts_the_inliers_between_its_frames() -> None:
 
     scene = open_world("tunnel", seed=0, split="test", width_px=320, height_px=240, speed_mps=13.9)
     bench = Bench(scene)
-    day, night = Settings(1_000.0, 7.5), Settings(75.0, 0.0)
+    day, night = Settings(500.0, 7.5), Settings(75.0, 0.0)
     seen = bench.play(100, [day, day, night])
     assert seen[0] > 100
     assert seen[1] < 20
