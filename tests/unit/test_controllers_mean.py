@@ -47,7 +47,9 @@ def test_black_and_white_pictures_give_bounded_steps(mean_dn: int, factor: float
 
 
 def test_half_speed_takes_the_root_of_the_correction() -> None:
-    command = asked(MeanController(percent=80, speed=0.5, exposure_us_max=8_000.0), 51, Settings(1_000.0, 0.0))
+    command = asked(
+        MeanController(percent=80, speed=0.5, exposure_us_max=8_000.0), 51, Settings(1_000.0, 0.0)
+    )
     assert command.exposure_us == pytest.approx(2_000.0)
 
 
