@@ -67,6 +67,7 @@ SEARCHERS = (
     Searcher("shin", "score", _rectangle(30.0), 50),
     Searcher("shin:evaluations_max=50", "score", _rectangle(30.0), 50),
     Searcher("kim", "metric", _rectangle(12.0), 10),
+    Searcher("kim:evaluations_max=15,alpha=10,length=2.5,ridge=3", "metric", _rectangle(12.0), 10),
     Searcher("lu", "entropy_bits", _line, None),
 )
 
