@@ -167,7 +167,7 @@ def test_blurred_pictures_are_named() -> None:
 
 
 def test_saturated_pictures_are_named() -> None:
-    bright = np.clip(grey(scene(), "primary", 4).astype(int) * 2, 0, 255).astype(np.uint8)
+    bright = np.clip(grey(scene(), "primary", 4).astype(int) * 6, 0, 255).astype(np.uint8)
     assert refusal(bright).startswith("primary: saturated")
 
 
