@@ -43,6 +43,13 @@ class Run:
         connection.close()
         return answer.status, content
 
+    def wait_for(self, words: str) -> None:
+        """Wait until the state that the page is told has some words in it."""
+        until_s = time.monotonic() + 60
+        while not re.search(words, self.ask("GET", "/state?after=0")[1].decode()):
+            assert time.monotonic() < until_s
+            time.sleep(0.1)
+
     def press(self, key: str) -> int:
         return self.ask("POST", "/key", key, Origin=f"http://{urlsplit(self.url).netloc}")[0]
 
@@ -82,6 +89,7 @@ def big_of(dom: str) -> str:
 def test_a_drive_is_watched(arguments: list[str], tmp_path: Path) -> None:
     cameras = ["--cameras", "sim:tunnel?size=640x480", "--frames", "3000"]
     with running(tmp_path, *arguments, *cameras) as run:
+        run.wait_for(r'"ORB inliers", *"\d')
         dom, console = browse(run.url, tmp_path, PAGE)
         assert run.press("o") == 405
         run.process.send_signal(signal.SIGINT)
@@ -99,15 +107,14 @@ def test_a_drive_is_watched(arguments: list[str], tmp_path: Path) -> None:
 def test_a_person_calibrates_the_aperture_on_the_page(tmp_path: Path) -> None:
     wall = ["--cameras", "sim:wall?size=320x240&aperture_offset_stops=-0.3", "--hold-s", "0.5"]
     with running(tmp_path, "calibrate-aperture", *wall) as run:
-        until_s = time.monotonic() + 60
-        while "big" not in json.loads(run.ask("GET", "/state?after=0")[1]):
-            assert time.monotonic() < until_s
+        run.wait_for('"big"')
         dom, console = browse(run.url, tmp_path, PAGE)
         assert console == []
         assert big_of(dom) == "-0.30"
         assert re.search(r'<p id="hint"[^>]*class="warn"[^>]*>OPEN</p>', dom)
         assert dom.count("<button") == 4
         assert run.press("z") == 400
+        until_s = time.monotonic() + 60
         with suppress(ConnectionError):
             while time.monotonic() < until_s:
                 state = json.loads(run.ask("GET", "/state?after=0")[1])
