@@ -206,11 +206,11 @@ class Street:
                 self.car(s_m, side * (ROAD_HALF_M + 1.2))
             s_m += rng.uniform(4.5, 11.0)
 
-    def facade(self, shade: float = 1.0) -> Material:
-        """Return a wall with windows, its albedo about 0.4 times `shade`."""
+    def facade(self) -> Material:
+        """Return a wall with windows."""
         tile = (self.rng.uniform(6.0, 10.0), self.rng.uniform(6.0, 9.0))
-        red, green, blue = (shade * v for v in self.colour())
-        return Material(f"facade{self.rng.integers(4)}", tile, (red, green, blue), 0.08)
+        colour = self.colour()
+        return Material(f"facade{self.rng.integers(4)}", tile, colour, 0.08)
 
     def sign(self, colour: Colour = (1.0, 1.0, 1.0)) -> Material:
         """Return a plate with writing."""
