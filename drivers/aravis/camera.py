@@ -204,6 +204,7 @@ class ArmedCamera:
                 if frame is not None:
                     return frame
             elif isinstance(arrived, Spoiled):
+                self._check_control()  # a camera that is pulled out spoils its pictures first
                 self._refuse(arrived)
             elif left_s <= 0:
                 cause = self._why_no_frame()

@@ -144,6 +144,21 @@ def test_a_camera_is_opened_by_either_form_of_its_serial_number(pair: UsbPair, l
     opened.close(say_goodbye=True)
 
 
+def test_what_was_opened_before_a_camera_left_stays_dead(pair: UsbPair) -> None:
+    primary, before = pair.cameras.primary, open_camera(pair.labels.primary)
+    primary.plug.pull()
+    primary.wake_up()
+    primary.plug.push()
+    look_at_usb(pair.labels)
+    after = open_camera(pair.labels.primary)
+    after.nodes.write("Gain", 4.0)
+    with pytest.raises(CameraError, match="01170163: writing Gain"):
+        before.nodes.write("Gain", 8.0)
+    assert after.nodes.read("Gain") == 4.0
+    for opened in (before, after):
+        opened.close(say_goodbye=True)
+
+
 def test_a_setting_out_of_range_is_refused_by_the_camera(pair: UsbPair) -> None:
     opened = open_camera(pair.labels.primary)
     with pytest.raises(

@@ -53,6 +53,7 @@ class Bus:
 
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
+        self._called: list[object] = []  # a thread that lets a camera go may still be calling
 
     def attach(self, maker: str, model: str, serial: str, answer: Answer) -> Plug:
         """Plug a camera in."""
@@ -67,14 +68,15 @@ class Bus:
             maker.encode(), model.encode(), serial.encode(), called
         )
         assert number >= 0, "no plug is left"
-        return Plug(self._library, number, called)
+        self._called.append(called)
+        return Plug(self._library, number)
 
 
 class Plug:
     """Where one camera is plugged in."""
 
-    def __init__(self, library: ctypes.CDLL, number: int, called: object) -> None:
-        self._library, self._number, self._called = library, number, called
+    def __init__(self, library: ctypes.CDLL, number: int) -> None:
+        self._library, self._number = library, number
 
     def send(self, packet: bytes | memoryview, tail: bytes = b"") -> None:
         """Send one packet."""

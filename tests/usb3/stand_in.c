@@ -4,6 +4,9 @@
    bulk transfer to a camera calls the camera's `answer`, and what a camera sends fills the
    transfers that wait for it, in order. Times are nobody's here; the cameras keep them.
 
+   As on a real bus, what was opened before a camera left stays dead when the camera comes back:
+   a departed device that is let go late must not speak with the one that was plugged in again.
+
    Aravis 0.8.26 looks at a count and then waits for it to change, without a lock between the two:
    a transfer that ends in between is waited for without end. So its stream threads are disturbed
    now and then by a signal, after which they look again. */
@@ -48,18 +51,19 @@ struct packet {
     uint8_t bytes[];
 };
 
+/* The context is kept here: the handle of a transfer may be closed before the transfer is over. */
 struct waiting {
     struct waiting *next;
     struct libusb_transfer *transfer;
-    bool cancelled, filled;
+    const libusb_context *context;
+    bool cancelled, filled, orphaned;
 };
 
 struct camera {
     bool known, plugged, forbidden;
     char texts[TEXTS][TEXT_BYTES];
+    int departures;
     answer_fn *answer;
-    uint8_t reply[MAX_REPLY_BYTES];
-    int reply_size;
     struct packet *packets;
     struct waiting *waiting;
     libusb_device_handle *owner;
@@ -74,6 +78,9 @@ struct libusb_device {
 
 struct libusb_device_handle {
     libusb_device *device;
+    int departures;
+    uint8_t reply[MAX_REPLY_BYTES];
+    int reply_size;
 };
 
 struct listener {
@@ -83,7 +90,7 @@ struct listener {
 
 struct libusb_context {
     libusb_device devices[MAX_CAMERAS];
-    bool told_left[MAX_CAMERAS];
+    int told_departures[MAX_CAMERAS];
     struct listener listeners[MAX_LISTENERS];
 };
 
@@ -95,6 +102,12 @@ static void wake_up(void)
 {
     pthread_cond_broadcast(&changed);
     pthread_mutex_unlock(&lock);
+}
+
+static bool is_dead(const libusb_device_handle *handle)
+{
+    const struct camera *camera = &cameras[handle->device->camera];
+    return !camera->plugged || camera->departures != handle->departures;
 }
 
 static void nothing(int signal_number)
@@ -118,7 +131,7 @@ int stand_in_attach(const char *maker, const char *model, const char *serial, an
         number++;
     if (number < MAX_CAMERAS) {
         struct camera *camera = &cameras[number];
-        memset(camera, 0, sizeof *camera);
+        *camera = (struct camera){.departures = camera->departures, .waiting = camera->waiting};
         strncpy(camera->texts[MAKER], maker, TEXT_BYTES - 1);
         strncpy(camera->texts[MODEL], model, TEXT_BYTES - 1);
         strncpy(camera->texts[SERIAL], serial, TEXT_BYTES - 1);
@@ -142,12 +155,15 @@ static void drop_packets(struct camera *camera)
 void stand_in_plug(int number, int plugged)
 {
     pthread_mutex_lock(&lock);
-    cameras[number].plugged = plugged;
-    cameras[number].reply_size = 0;
-    if (!plugged) {
-        drop_packets(&cameras[number]);
-        cameras[number].owner = NULL;
+    struct camera *camera = &cameras[number];
+    if (camera->plugged && !plugged) {
+        camera->departures++;
+        camera->owner = NULL;
+        drop_packets(camera);
+        for (struct waiting *each = camera->waiting; each; each = each->next)
+            each->orphaned = true;
     }
+    camera->plugged = plugged;
     wake_up();
 }
 
@@ -217,7 +233,7 @@ void stand_in_send(int number, const uint8_t *bytes, int size, const uint8_t *ta
     pthread_mutex_lock(&lock);
     struct waiting *next = camera->packets ? NULL : camera->waiting;
     for (; next && left_of(&data) > 0; next = next->next)
-        if (!next->filled && !next->cancelled)
+        if (!next->filled && !next->cancelled && !next->orphaned)
             fill(next, &data);
     if (left_of(&data) > 0)
         keep(camera, &data);
@@ -248,7 +264,7 @@ int libusb_init(libusb_context **made)
     libusb_context *context = calloc(1, sizeof *context);
     for (int number = 0; number < MAX_CAMERAS; number++) {
         context->devices[number] = (libusb_device){number, context};
-        context->told_left[number] = cameras[number].known && !cameras[number].plugged;
+        context->told_departures[number] = cameras[number].departures;
     }
     *made = context;
     return LIBUSB_SUCCESS;
@@ -361,8 +377,9 @@ int libusb_open(libusb_device *device, libusb_device_handle **opened)
         return LIBUSB_ERROR_NO_DEVICE;
     if (camera->forbidden)
         return LIBUSB_ERROR_ACCESS;
-    *opened = malloc(sizeof **opened);
+    *opened = calloc(1, sizeof **opened);
     (*opened)->device = device;
+    (*opened)->departures = camera->departures;
     return LIBUSB_SUCCESS;
 }
 
@@ -440,20 +457,19 @@ int libusb_bulk_transfer(libusb_device_handle *handle, unsigned char endpoint, u
                          int *transferred, unsigned int timeout_ms)
 {
     (void)timeout_ms;
-    struct camera *camera = camera_of(handle);
-    if (!camera->plugged)
+    if (is_dead(handle))
         return LIBUSB_ERROR_NO_DEVICE;
     if (endpoint == CONTROL_OUT) {
-        camera->reply_size =
-            camera->answer(handle->device->camera, data, size, camera->reply, MAX_REPLY_BYTES);
+        handle->reply_size = camera_of(handle)->answer(handle->device->camera, data, size, handle->reply,
+                                                       MAX_REPLY_BYTES);
         *transferred = size;
         return LIBUSB_SUCCESS;
     }
-    if (endpoint != CONTROL_IN || camera->reply_size == 0)
+    if (endpoint != CONTROL_IN || handle->reply_size == 0)
         return LIBUSB_ERROR_TIMEOUT;
-    *transferred = size < camera->reply_size ? size : camera->reply_size;
-    memcpy(data, camera->reply, *transferred);
-    camera->reply_size = 0;
+    *transferred = size < handle->reply_size ? size : handle->reply_size;
+    memcpy(data, handle->reply, *transferred);
+    handle->reply_size = 0;
     return LIBUSB_SUCCESS;
 }
 
@@ -481,19 +497,20 @@ int libusb_submit_transfer(struct libusb_transfer *transfer)
     struct camera *camera = camera_of(transfer->dev_handle);
     struct waiting *mine = calloc(1, sizeof *mine);
     mine->transfer = transfer;
+    mine->context = transfer->dev_handle->device->context;
     pthread_mutex_lock(&lock);
     note_stream(camera, transfer);
-    bool plugged = camera->plugged;
-    if (plugged) {
+    bool dead = is_dead(transfer->dev_handle);
+    if (!dead) {
         struct waiting **end = &camera->waiting;
         while (*end)
             end = &(*end)->next;
         *end = mine;
     }
     wake_up();
-    if (!plugged)
+    if (dead)
         free(mine);
-    return plugged ? LIBUSB_SUCCESS : LIBUSB_ERROR_NO_DEVICE;
+    return dead ? LIBUSB_ERROR_NO_DEVICE : LIBUSB_SUCCESS;
 }
 
 int libusb_cancel_transfer(struct libusb_transfer *transfer)
@@ -521,42 +538,49 @@ static void fill_from_queue(struct camera *camera, struct waiting *waiting)
     }
 }
 
-/* Take a transfer that is over out of its queue: a cancelled one wherever it stands, the first one
-   when there is something for it or when the camera is gone. */
-static struct libusb_transfer *take_finished(struct camera *camera)
+/* Return whether a transfer of a context is over wherever it stands in the queue. */
+static bool is_cut_short(const struct waiting *waiting, const libusb_context *context)
+{
+    return waiting->context == context && (waiting->cancelled || waiting->orphaned);
+}
+
+static struct waiting **first_alive(struct camera *camera)
 {
     struct waiting **place = &camera->waiting;
-    while (*place && !(*place)->cancelled)
+    while (*place && ((*place)->cancelled || (*place)->orphaned))
+        place = &(*place)->next;
+    return place;
+}
+
+/* Take a transfer of the context that is over out of the queue: a cancelled or orphaned one
+   wherever it stands, the first one when there is something for it. */
+static struct libusb_transfer *take_finished(struct camera *camera, const libusb_context *context)
+{
+    struct waiting **place = &camera->waiting;
+    while (*place && !is_cut_short(*place, context))
         place = &(*place)->next;
     if (!*place) {
-        place = &camera->waiting;
-        if (!*place || (camera->plugged && !(*place)->filled && !camera->packets))
+        place = first_alive(camera);
+        if (!*place || (*place)->context != context || (!(*place)->filled && !camera->packets))
             return NULL;
     }
     struct waiting *found = *place;
     struct libusb_transfer *transfer = found->transfer;
-    if (!found->filled && camera->plugged && !found->cancelled)
-        fill_from_queue(camera, found);
-    else if (!found->filled) {
+    if (!found->filled && is_cut_short(found, context)) {
         transfer->actual_length = 0;
-        transfer->status = found->cancelled ? LIBUSB_TRANSFER_CANCELLED : LIBUSB_TRANSFER_NO_DEVICE;
-    }
+        transfer->status = found->orphaned ? LIBUSB_TRANSFER_NO_DEVICE : LIBUSB_TRANSFER_CANCELLED;
+    } else if (!found->filled)
+        fill_from_queue(camera, found);
     *place = found->next;
     free(found);
     return transfer;
-}
-
-static bool is_of(const libusb_context *context, const struct camera *camera)
-{
-    return camera->waiting && camera->waiting->transfer->dev_handle->device->context == context;
 }
 
 /* Call a finished transfer back, if there is one; the lock is held before and after. */
 static bool finish_one(libusb_context *context)
 {
     for (int number = 0; number < MAX_CAMERAS; number++) {
-        struct libusb_transfer *over =
-            is_of(context, &cameras[number]) ? take_finished(&cameras[number]) : NULL;
+        struct libusb_transfer *over = take_finished(&cameras[number], context);
         if (over) {
             pthread_mutex_unlock(&lock);
             over->callback(over);
@@ -571,11 +595,9 @@ static bool finish_one(libusb_context *context)
 static bool tell_of_one_that_left(libusb_context *context)
 {
     for (int number = 0; number < MAX_CAMERAS; number++) {
-        bool gone = cameras[number].known && !cameras[number].plugged;
-        bool news = gone && !context->told_left[number];
-        context->told_left[number] = gone;
-        if (!news)
+        if (context->told_departures[number] == cameras[number].departures)
             continue;
+        context->told_departures[number] = cameras[number].departures;
         pthread_mutex_unlock(&lock);
         for (int each = 0; each < MAX_LISTENERS; each++)
             if (context->listeners[each].called)
@@ -608,7 +630,7 @@ int libusb_handle_events_timeout(libusb_context *context, struct timeval *timeou
     until.tv_sec += until.tv_nsec / 1000000000L;
     until.tv_nsec %= 1000000000L;
     pthread_mutex_lock(&lock);
-    while (!finish_one(context) && !tell_of_one_that_left(context))
+    while (!tell_of_one_that_left(context) && !finish_one(context))
         if (pthread_cond_timedwait(&changed, &lock, &until) != 0) {
             disturb(context);
             break;
