@@ -19,18 +19,19 @@ Values = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Utility:
-    """The worth of n matches: `log_weight` ln(n + 50) - (`barrier` / (n + `softness`))^2.
+    """The worth of n matches: `log_weight` ln(n + 50) - `fear` exp(-n / `fear_falloff`).
 
-    The logarithm makes a share of matches worth the same everywhere; the barrier makes few
-    matches so costly that no plateau behind them pays for it. `discount` in [0, 1) is per frame.
+    The logarithm makes a share of matches worth the same everywhere. Fear is about the worst pair
+    alone: at 20 matches it outweighs any plateau behind them, at 80 it is nothing, so a way of
+    several poor pairs is taken where it spares a very poor one. `discount` in [0, 1) is per frame.
     `opposed_cost` is for each stop that exposure and gain move against each other: the pictures
     are as bright as before, but blurred and noisy in another way.
     """
 
     log_weight: float = 0.3
-    barrier: float = 60.0
-    softness: float = 20.0
-    discount: float = 0.9
+    fear: float = 100.0
+    fear_falloff: float = 10.0
+    discount: float = 0.95
     opposed_cost: float = 0.02
 
     def __post_init__(self) -> None:
@@ -40,8 +41,7 @@ class Utility:
     def of(self, matches: NDArray[np.int16]) -> Values:
         """Return the utility of each count."""
         n = matches.astype(np.float32)
-        barrier = np.square(self.barrier / (n + self.softness))
-        worth = self.log_weight * np.log(n + 50) - barrier
+        worth = self.log_weight * np.log(n + 50) - self.fear * np.exp(-n / self.fear_falloff)
         return np.asarray(worth, np.float32)
 
 
