@@ -27,7 +27,7 @@ from rig.models.names import SCORE_MAPS
 from rig.models.rollout import Journey, Trip
 from rig.models.scoremap import FRAMES, TOLD, ScoreMapNetwork
 from rig.models.seen import SeenDrive
-from rig.models.values import Utility, Values, move_values
+from rig.models.values import Utility, Values, move_values, move_worth
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,10 @@ class Lessons:
         """Return P-1 x S x S values of a drive where all light is `light` steps brighter."""
         if (drive, light) not in self._known:
             like = self._grid.relit(light)
-            moves = self._drives[drive].moves[:, like][:, :, like]
-            opposed_ev = self._grid.opposed_ev()
-            self._known[drive, light] = move_values(moves, self._utility, opposed_ev)
+            seen = self._drives[drive]
+            moves, steady = seen.moves[:, like][:, :, like], seen.steady[:, like]
+            worth = move_worth(moves, steady, self._utility, self._grid.opposed_ev())
+            self._known[drive, light] = move_values(worth, self._utility.discount)
         return self._known[drive, light]
 
     def of(self, journey: Journey) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ from rig.core.errors import RecordingError, UsageError
 from rig.models.grid import SettingsGrid, path_grid
 from rig.models.seen import SeenDrive, see_drives
 
-SCHEMA = "rig.paths/1"
+SCHEMA = "rig.paths/2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,7 @@ class PathTargets:
         for index, drive in enumerate(self.drives):
             arrays[f"thumbnails_{index}"] = drive.thumbnails
             arrays[f"moves_{index}"] = drive.moves
+            arrays[f"steady_{index}"] = drive.steady
         unfinished = path.with_name(path.name + ".part")
         with unfinished.open("wb") as file:
             np.savez(file, header=np.array(self._header()), **arrays)  # type: ignore[arg-type]
@@ -110,6 +111,7 @@ def make_paths(
 def _source(drive: SeenDrive) -> DriveSource:
     digest = hashlib.sha256(np.ascontiguousarray(drive.thumbnails).data)
     digest.update(np.ascontiguousarray(drive.moves).data)
+    digest.update(np.ascontiguousarray(drive.steady).data)
     name = drive.cameras.removeprefix("sim:")
     return DriveSource(name, digest.hexdigest(), drive.cameras, drive.world_version)
 
@@ -120,7 +122,11 @@ def _load(path: Path) -> PathTargets:
         if header.get("schema") != SCHEMA:
             raise ValueError(f"its schema is {header.get('schema')!r}, not {SCHEMA!r}")
         drives = tuple(
-            SeenDrive(cameras, version, file[f"thumbnails_{index}"], file[f"moves_{index}"])
+            SeenDrive(
+                cameras,
+                version,
+                *(file[f"{part}_{index}"] for part in ("thumbnails", "moves", "steady")),
+            )
             for index, (cameras, version) in enumerate(header["drives"])
         )
     grid = SettingsGrid(tuple(header["exposures_us"]), tuple(header["gains_db"]))

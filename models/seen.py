@@ -30,8 +30,9 @@ from rig.models.tracking import FeatureSets, count_moves, feature_sets, flow
 from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail
+from rig.vision.viso2.front_end import Viso2Features, Viso2FrontEnd
 
-RECIPE = "2"
+RECIPE = "3"
 """Counts the ways in which drives were measured; what another way left in the cache is not used."""
 
 LARGEST_MOVE_EV = 3.2
@@ -43,6 +44,9 @@ HOPELESS_SATURATED = 0.97
 SHARP_US = 210.0
 """A shorter exposure is not blurred: it smears one point in a hundred by a fifth of a pixel."""
 
+FEW_FEATURES = 20
+"""Where ORB finds fewer in a picture, the other front end is not asked: it would match nothing."""
+
 _POSES_A_PIECE = 40
 _NO_FEATURES = OrbFeatures(np.empty((0, 2), np.float32), np.empty((0, 32), np.uint8))
 
@@ -53,14 +57,16 @@ Progress = Callable[[int, int], None]
 class SeenDrive:
     """P poses of one drive under S settings.
 
-    `thumbnails` is uint8 P x S x 2 x 48 x 64; `moves` int16 P-1 x S x S counts the matches of the
-    picture at a pose (first setting) with that at the next pose (second setting).
+    `thumbnails` is uint8 P x S x 2 x 48 x 64; `moves` int16 P-1 x S x S counts the ORB matches of
+    the picture at a pose (first setting) with that at the next pose (second setting); `steady`
+    int16 P-1 x S the viso2-style inliers of both pictures with the same setting.
     """
 
     cameras: str
     world_version: str
     thumbnails: NDArray[np.uint8]
     moves: NDArray[np.int16]
+    steady: NDArray[np.int16]
 
 
 def see_drives(
@@ -102,6 +108,7 @@ def _joined(address: str, parts: list[Arrays]) -> SeenDrive:
         world_version=str(parts[0]["world_version"]),
         thumbnails=np.concatenate(thumbnails).astype(np.uint8),
         moves=np.concatenate([part["moves"] for part in parts]).astype(np.int16),
+        steady=np.concatenate([part["steady"] for part in parts]).astype(np.int16),
     )
 
 
@@ -146,19 +153,29 @@ def _piece(grid: SettingsGrid, piece: tuple[str, int, int]) -> tuple[tuple[str, 
     return piece, cached("seen", repr(words), lambda: _see(opened, grid, first, last))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """One pose under every setting; no viso2-style features where ORB found hardly any."""
+
+    thumbnails: NDArray[np.uint8]
+    orb: FeatureSets
+    viso2: list[Viso2Features | None]
+
+
 def _see(opened: _Opened, grid: SettingsGrid, first: int, last: int) -> Arrays:
-    thumbnails, moves = [], []
-    before: FeatureSets | None = None
+    looks = (_look(opened, grid, pose) for pose in range(first, last + 1))
+    before = next(looks)
+    thumbnails, moves, steady = [before.thumbnails], [], []
     allowed = grid.distance_ev() <= LARGEST_MOVE_EV
-    for pose in range(first, last + 1):
-        small, after = _look(opened, grid, pose)
-        thumbnails.append(small)
-        if before is not None:
-            moves.append(_count(opened, before, after, pose - 1, allowed))
+    for pose, after in enumerate(looks, first):
+        thumbnails.append(after.thumbnails)
+        moves.append(_count(opened, before.orb, after.orb, pose, allowed))
+        steady.append(_count_steady(before.viso2, after.viso2))
         before = after
     return {
         "thumbnails": np.stack(thumbnails),
         "moves": np.stack(moves),
+        "steady": np.stack(steady),
         "world_version": np.array(opened.source.world_version),
     }
 
@@ -179,17 +196,30 @@ def _count(
     return count_moves(before, after, predicted, interval_us, allowed)
 
 
+def _count_steady(
+    before: Sequence[Viso2Features | None], after: Sequence[Viso2Features | None]
+) -> NDArray[np.int16]:
+    front_end = Viso2FrontEnd()
+    counts = [
+        0 if a is None or b is None else front_end.match(a, b).inliers
+        for a, b in zip(before, after, strict=True)
+    ]
+    return np.array(counts, np.int16)
+
+
 def _pose(truth: Truth) -> Pose:
     """Return the primary camera's pose; the rotation is from the world to the optical frame."""
     rotation = Rotation.from_quat(truth.orientation_xyzw).as_matrix().T
     return Pose(rotation, np.array(truth.position_m))
 
 
-def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> tuple[NDArray[np.uint8], FeatureSets]:
-    """Return the S thumbnails of a pose and its features; hopeless pictures are not looked at."""
+def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> _Look:
+    """Look at a pose with every setting; hopeless pictures are not searched for features."""
     view = opened.scene.view("primary", opened.source.drive.scene_time_s(pose))
-    front_end = OrbFrontEnd()
-    small, found = [], []
+    orb, viso2 = OrbFrontEnd(), Viso2FrontEnd()
+    small: list[NDArray[np.uint8]] = []
+    found: list[OrbFeatures] = []
+    also_found: list[Viso2Features | None] = []
     for index, exposure_us in enumerate(grid.exposures_us):
         darkest = Settings(exposure_us, grid.gains_db[0])
         sharp = opened.sensor.develop(view.radiance_cd_m2, darkest, pose)
@@ -201,7 +231,7 @@ def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> tuple[NDArray[np.ui
             picture = opened.sensor.develop(radiance, Settings(exposure_us, gain_db), noise_seed)
             small.append(thumbnail(picture, "bayer_rggb8"))
             hopeless = hopeless or small[-1][1].mean() > HOPELESS_SATURATED * 255
-            found.append(
-                _NO_FEATURES if hopeless else front_end.features(to_grey(picture, "bayer_rggb8"))
-            )
-    return np.stack(small), feature_sets(found, grid.cells()[:, 0].tolist())
+            grey = to_grey(picture, "bayer_rggb8")
+            found.append(_NO_FEATURES if hopeless else orb.features(grey))
+            also_found.append(viso2.features(grey) if len(found[-1]) >= FEW_FEATURES else None)
+    return _Look(np.stack(small), feature_sets(found, grid.cells()[:, 0].tolist()), also_found)

@@ -25,7 +25,8 @@ class Utility:
     alone: at 20 matches it outweighs any plateau behind them, at 80 it is nothing, so a way of
     several poor pairs is taken where it spares a very poor one. `discount` in [0, 1) is per frame.
     `opposed_cost` is for each stop that exposure and gain move against each other: the pictures
-    are as bright as before, but blurred and noisy in another way.
+    are as bright as before, but blurred and noisy in another way. `steady_weight` ln(n + 50) is
+    the worth of n inliers that the other front end has where the setting stays.
     """
 
     log_weight: float = 0.3
@@ -33,6 +34,7 @@ class Utility:
     fear_falloff: float = 10.0
     discount: float = 0.95
     opposed_cost: float = 0.02
+    steady_weight: float = 0.15
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:
@@ -44,28 +46,42 @@ class Utility:
         worth = self.log_weight * np.log(n + 50) - self.fear * np.exp(-n / self.fear_falloff)
         return np.asarray(worth, np.float32)
 
+    def of_steady(self, inliers: NDArray[np.int16]) -> Values:
+        """Return the utility of each setting's inliers in the other front end."""
+        return np.asarray(self.steady_weight * np.log(inliers + np.float32(50)), np.float32)
 
-def move_values(
-    moves: NDArray[np.int16], utility: Utility, opposed_ev: NDArray[np.float64] | None = None
+
+def move_worth(
+    moves: NDArray[np.int16],
+    steady: NDArray[np.int16],
+    utility: Utility,
+    opposed_ev: NDArray[np.float64],
 ) -> Values:
-    """Return the value of every move, of the shape of `moves`: P-1 x S (from) x S (to).
+    """Return the worth of every move by itself, P-1 x S (from) x S (to).
 
-    `opposed_ev` is that of the grid, S x S; without it such moves cost nothing. Behind the last
-    pose nothing follows, so the last frames look less far ahead.
+    `moves` and `steady` are those of a drive, P-1 x S x S and P-1 x S; `opposed_ev` is that of the
+    grid, S x S.
     """
-    values = utility.of(moves)
-    if opposed_ev is not None:
-        values -= (utility.opposed_cost * opposed_ev).astype(np.float32)
-    following = np.zeros(moves.shape[1], np.float32)
+    worth = utility.of(moves) + utility.of_steady(steady)[:, None, :]
+    return np.asarray(worth - (utility.opposed_cost * opposed_ev).astype(np.float32))
+
+
+def move_values(worth: Values, discount: float) -> Values:
+    """Return the value of every move, of the shape of `worth`: its own and that of what follows.
+
+    Behind the last pose nothing follows, so the last frames look less far ahead.
+    """
+    values = worth.copy()
+    following = np.zeros(worth.shape[1], np.float32)
     for here in values[::-1]:
-        here += np.float32(utility.discount) * following
+        here += np.float32(discount) * following
         following = here.max(1)
     return values
 
 
-def best_path(moves: NDArray[np.int16], utility: Utility) -> NDArray[np.int64]:
+def best_path(worth: Values, discount: float) -> NDArray[np.int64]:
     """Return the cell of every pose, P long, along the path of the highest value."""
-    values = move_values(moves, utility)
+    values = move_values(worth, discount)
     cell = int(values[0].max(1).argmax())
     path = [cell]
     for here in values:

@@ -21,4 +21,6 @@ def make_drive(seed: int, poses: int = 40) -> SeenDrive:
     pictures[:, :, 1] = np.where(grey > 250, 255, 0)[..., None, None]
     good = np.exp(-np.square(error_ev / 1.5))
     moves = 600 * np.minimum(good[:-1, :, None], good[1:, None, :])
-    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, moves.astype(np.int16))
+    steady = 900 * np.minimum(good[:-1], good[1:])
+    counts = moves.astype(np.int16), steady.astype(np.int16)
+    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, *counts)

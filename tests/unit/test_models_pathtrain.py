@@ -22,7 +22,7 @@ from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
 from rig.models.rollout import Journey, Trip, roll_out
 from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
-from rig.models.values import Utility, move_values
+from rig.models.values import Utility, move_values, move_worth
 
 QUICK = PathRecipe(
     steps=(60, 20),
@@ -111,7 +111,8 @@ def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
     cells = np.random.default_rng(4).integers(0, len(GRID), 40)
     used = GRID.cells()[cells]
     frames = drive.thumbnails[np.arange(40), cells]
-    worth = move_values(drive.moves, Utility(), GRID.opposed_ev())
+    worth = move_worth(drive.moves, drive.steady, Utility(), GRID.opposed_ev())
+    worth = move_values(worth, Utility().discount)
     for late in (0, 2):
         samples = gather([Journey(Trip(0, late), frames, used)], lessons)
         assert len(samples) == 39 - late
@@ -235,6 +236,7 @@ def test_targets_come_back_as_they_were_saved(tmp_path: Path) -> None:
     loaded = PathTargets.load(path)
     assert loaded.grid == GRID
     assert np.array_equal(loaded.drives[1].moves, make_drive(1).moves)
+    assert np.array_equal(loaded.drives[1].steady, make_drive(1).steady)
     assert np.array_equal(loaded.drives[1].thumbnails, make_drive(1).thumbnails)
     with pytest.raises(UsageError, match="exists"):
         loaded.save(path)

@@ -20,6 +20,7 @@ from rig.models.tracking import HAMMING_MAX, count_moves, feature_sets, flow
 from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail
+from rig.vision.viso2.front_end import Viso2FrontEnd
 
 WALL = "sim:wall?size=160x120&seed=1"
 
@@ -104,6 +105,10 @@ def test_a_drive_is_seen_as_its_camera_takes_it() -> None:
     a, b = (front_end.features(to_grey(picture, "bayer_rggb8")) for picture in pictures)
     inliers = front_end.match(a, b).inliers
     assert drive.moves[0, cell, cell] == pytest.approx(inliers, rel=0.35)
+    viso2 = Viso2FrontEnd()
+    a2, b2 = (viso2.features(to_grey(picture, "bayer_rggb8")) for picture in pictures)
+    assert drive.steady.shape == (2, cells)
+    assert drive.steady[0, cell] == pytest.approx(viso2.match(a2, b2).inliers, rel=0.35)
 
 
 @pytest.mark.usefixtures("no_cache")
@@ -112,6 +117,7 @@ def test_pieces_join_as_if_they_were_one(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(seen, "_POSES_A_PIECE", 2)
     parts = make_paths([WALL], frames=4, processes=1)
     assert np.array_equal(whole.drives[0].moves, parts.drives[0].moves)
+    assert np.array_equal(whole.drives[0].steady, parts.drives[0].steady)
     assert np.array_equal(whole.drives[0].thumbnails, parts.drives[0].thumbnails)
     assert whole.sources == parts.sources
 

@@ -12,7 +12,7 @@ from rig.core.errors import UsageError
 from rig.models.behaviour import RandomExposure
 from rig.models.grid import brightness_ev, path_grid
 from rig.models.rollout import Trip, look, matches, roll_out
-from rig.models.values import Utility, best_path, move_values
+from rig.models.values import Utility, best_path, move_values, move_worth
 
 UTILITY = Utility(discount=0.8)
 
@@ -25,17 +25,34 @@ def test_the_best_path_is_the_best_of_all() -> None:
         return sum(0.8**t * worth[t, a, b] for t, (a, b) in enumerate(pairwise(path)))
 
     paths = list(product(range(3), repeat=5))
-    assert tuple(best_path(moves, UTILITY)) == max(paths, key=total)
+    assert tuple(best_path(worth, 0.8)) == max(paths, key=total)
     best = max(total(path) for path in paths)
-    assert move_values(moves, UTILITY)[0].max() == pytest.approx(best, rel=1e-5)
+    assert move_values(worth, 0.8)[0].max() == pytest.approx(best, rel=1e-5)
 
 
 def test_few_matches_cost_more_than_a_plateau_behind_them_pays() -> None:
     moves = np.full((12, 2, 2), 300, np.int16)
     moves[:, 1, 1] = 600
     moves[:, 0, 1] = 0
-    forced = move_values(moves, Utility())[0]
+    forced = move_values(Utility().of(moves), 0.95)[0]
     assert forced[0, 0] > forced[0, 1], "not through a blind move"
+
+
+def test_two_poor_pairs_are_better_than_a_very_poor_one() -> None:
+    moves = np.full((3, 2, 2), 300, np.int16)
+    moves[:2, 0, 0] = 60
+    moves[0, 0, 1] = 20
+    values = move_values(Utility().of(moves), 0.95)[0]
+    assert values[0, 0] > values[0, 1]
+
+
+def test_what_the_other_front_end_sees_in_a_setting_is_worth_something() -> None:
+    moves = np.full((2, 2, 2), 300, np.int16)
+    steady = np.array([[100, 200], [100, 200]], np.int16)
+    worth = move_worth(moves, steady, Utility(steady_weight=0.2), np.zeros((2, 2)))
+    assert np.allclose(worth[:, :, 1] - worth[:, :, 0], 0.2 * np.log(250 / 150), atol=1e-5)
+    alike = move_worth(moves, steady, Utility(steady_weight=0.0), np.zeros((2, 2)))
+    assert np.ptp(alike) == 0
 
 
 def test_a_discount_of_one_is_refused() -> None:
@@ -156,9 +173,10 @@ def test_moves_along_equal_brightness_cost_and_others_do_not() -> None:
     assert opposed[0, 4] == opposed[0, 1] == opposed[0, 5] == opposed[7, 7] == 0
 
     moves = np.full((6, len(GRID), len(GRID)), 300, np.int16)
-    dear = move_values(moves, Utility(opposed_cost=0.1), opposed)
+    dear, free = (
+        move_worth(moves, moves[:, 0], Utility(opposed_cost=cost), opposed) for cost in (0.1, 0.0)
+    )
     assert dear[0, 4, 1] == pytest.approx(dear[0, 4, 4] - 0.1 * opposed[4, 1], abs=1e-5)
-    free = move_values(moves, Utility(opposed_cost=0.0), opposed)
     assert free[0, 4, 1] == free[0, 4, 4]
 
 
