@@ -40,15 +40,24 @@ class Utility:
         if not 0 <= self.discount < 1:
             raise UsageError(f"the discount must be in [0, 1), got {self.discount}")
 
-    def of(self, matches: NDArray[np.int16]) -> Values:
+    def of(self, matches: Values) -> Values:
         """Return the utility of each count."""
-        n = matches.astype(np.float32)
-        worth = self.log_weight * np.log(n + 50) - self.fear * np.exp(-n / self.fear_falloff)
-        return np.asarray(worth, np.float32)
+        fear = self.fear * np.exp(-matches / self.fear_falloff)
+        return np.asarray(self.log_weight * np.log(matches + 50) - fear, np.float32)
 
-    def of_steady(self, inliers: NDArray[np.int16]) -> Values:
+    def of_steady(self, inliers: Values) -> Values:
         """Return the utility of each setting's inliers in the other front end."""
-        return np.asarray(self.steady_weight * np.log(inliers + np.float32(50)), np.float32)
+        return np.asarray(self.steady_weight * np.log(inliers + 50), np.float32)
+
+
+def denoised(counts: NDArray[np.int16]) -> Values:
+    """Return the mean of each pair's counts with those of the pairs before and after it.
+
+    A path is chosen for its counts, so it would choose the lucky ones: those that the same
+    settings do not have again.
+    """
+    around = np.concatenate([counts[:1], counts, counts[-1:]]).astype(np.float32)
+    return np.asarray((around[:-2] + around[1:-1] + around[2:]) / 3)
 
 
 def move_worth(
@@ -62,7 +71,7 @@ def move_worth(
     `moves` and `steady` are those of a drive, P-1 x S x S and P-1 x S; `opposed_ev` is that of the
     grid, S x S.
     """
-    worth = utility.of(moves) + utility.of_steady(steady)[:, None, :]
+    worth = utility.of(denoised(moves)) + utility.of_steady(denoised(steady))[:, None, :]
     return np.asarray(worth - (utility.opposed_cost * opposed_ev).astype(np.float32))
 
 

@@ -12,14 +12,14 @@ from rig.core.errors import UsageError
 from rig.models.behaviour import RandomExposure
 from rig.models.grid import brightness_ev, path_grid
 from rig.models.rollout import Trip, look, matches, roll_out
-from rig.models.values import Utility, best_path, move_values, move_worth
+from rig.models.values import Utility, best_path, denoised, move_values, move_worth
 
 UTILITY = Utility(discount=0.8)
 
 
 def test_the_best_path_is_the_best_of_all() -> None:
     moves = np.random.default_rng(0).integers(0, 300, (4, 3, 3)).astype(np.int16)
-    worth = UTILITY.of(moves)
+    worth = UTILITY.of(moves.astype(np.float32))
 
     def total(path: tuple[int, ...]) -> float:
         return sum(0.8**t * worth[t, a, b] for t, (a, b) in enumerate(pairwise(path)))
@@ -34,7 +34,7 @@ def test_few_matches_cost_more_than_a_plateau_behind_them_pays() -> None:
     moves = np.full((12, 2, 2), 300, np.int16)
     moves[:, 1, 1] = 600
     moves[:, 0, 1] = 0
-    forced = move_values(Utility().of(moves), 0.95)[0]
+    forced = move_values(Utility().of(moves.astype(np.float32)), 0.95)[0]
     assert forced[0, 0] > forced[0, 1], "not through a blind move"
 
 
@@ -42,8 +42,13 @@ def test_two_poor_pairs_are_better_than_a_very_poor_one() -> None:
     moves = np.full((3, 2, 2), 300, np.int16)
     moves[:2, 0, 0] = 60
     moves[0, 0, 1] = 20
-    values = move_values(Utility().of(moves), 0.95)[0]
+    values = move_values(Utility().of(moves.astype(np.float32)), 0.95)[0]
     assert values[0, 0] > values[0, 1]
+
+
+def test_counts_are_averaged_with_their_neighbours_in_time() -> None:
+    counts = np.array([[9], [0], [3], [6]], np.int16)
+    assert denoised(counts)[:, 0].tolist() == [6.0, 4.0, 3.0, 5.0]
 
 
 def test_what_the_other_front_end_sees_in_a_setting_is_worth_something() -> None:
