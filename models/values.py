@@ -22,7 +22,7 @@ class Utility:
     """The worth of n matches: `log_weight` ln(n + 50) - `fear` exp(-n / `fear_falloff`).
 
     The logarithm makes a share of matches worth the same everywhere. Fear is about the worst pair
-    alone: at 20 matches it outweighs any plateau behind them, at 80 it is nothing, so a way of
+    alone: at 20 matches it outweighs most that could follow, at 80 it is nothing, so a way of
     several poor pairs is taken where it spares a very poor one. `discount` in [0, 1) is per frame.
     `opposed_cost` is for each stop that exposure and gain move against each other: the pictures
     are as bright as before, but blurred and noisy in another way. `steady_weight` ln(n + 50) is
@@ -30,7 +30,7 @@ class Utility:
     """
 
     log_weight: float = 0.3
-    fear: float = 100.0
+    fear: float = 30.0
     fear_falloff: float = 10.0
     discount: float = 0.95
     opposed_cost: float = 0.02

@@ -25,7 +25,7 @@ from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
 from rig.models.values import Utility, move_values, move_worth
 
 QUICK = PathRecipe(
-    steps=(60, 20),
+    steps=(120, 40),
     learning_rates=(5e-3, 2e-3),
     batch_size=32,
     behaviours=2,
@@ -190,7 +190,7 @@ def test_the_file_drives_as_the_network_does(trained: Path) -> None:
         "--hold-back",
         "(kept)",
         "seed=3",
-        "--steps 60 --steps 20",
+        "--steps 120 --steps 40",
         *late,
     ):
         assert words in card
