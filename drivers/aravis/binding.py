@@ -6,6 +6,7 @@ import ctypes
 import functools
 import ipaddress
 import threading
+import time
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -37,6 +38,10 @@ stream's first picture comes while the socket's buffer is still small."""
 _FRAME_RETENTION_US = 200_000
 """How long the rest of a picture is waited for after its last packet; 100 ms are short on a busy
 computer, and at 55 Hz a longer time would hold more pictures than the ring has."""
+
+_LONGEST_HOLD_S = 5.0
+_HOLD_LOOK_S = 0.005
+"""How long somebody else may hold a device that is let go, and how often that is looked at."""
 
 _LOOPBACK_PACKET_BYTES = 65_000
 _ETHERNET_PACKET_BYTES = 1_400
@@ -368,7 +373,7 @@ class Opened:
         last = [self.stream, self._camera, self._device]
         self.stream = self._camera = self._device = None
         if say_goodbye:
-            last.clear()
+            _let_go(last)
         else:
             threading.Thread(target=_let_go, args=(last,), daemon=True).start()
 
@@ -381,11 +386,19 @@ class Opened:
 
 
 def _let_go(last: list[Any]) -> None:
-    """Close a stream and drop what Aravis holds of a camera; seconds for one that is gone."""
-    stream = last[0]
+    """Close a stream and drop what Aravis holds of a camera; seconds for one that is gone.
+
+    The device goes last and alone. Aravis tells of a loss in a thread of the device, which holds it
+    meanwhile: if ours was not the last hold, that thread would have to wait for its own end, and
+    GLib ends the process (arv_uv_device_finalize, 0.8.26).
+    """
+    stream, device = last[0], last[2]
     if stream is not None:
         stream.close()
     last.clear()
+    deadline_s = time.monotonic() + _LONGEST_HOLD_S
+    while device.__grefcount__ > 1 and time.monotonic() < deadline_s:
+        time.sleep(_HOLD_LOOK_S)
 
 
 def open_camera(name: str) -> Opened:

@@ -9,7 +9,9 @@
 
    Aravis 0.8.26 looks at a count and then waits for it to change, without a lock between the two:
    a transfer that ends in between is waited for without end. So its stream threads are disturbed
-   now and then by a signal, after which they look again. */
+   now and then by a signal, after which they look again. And its callbacks count a transfer as over
+   before they lock the stream's mutex to tell so: a stream that closes then can clear the locked
+   mutex, which ends the process. So a transfer is not freed before its callback has returned. */
 
 #include <libusb-1.0/libusb.h>
 #include <pthread.h>
@@ -83,6 +85,12 @@ struct libusb_device_handle {
     int reply_size;
 };
 
+/* A callback that is running; it lives on the stack of its thread. */
+struct calling {
+    struct calling *next;
+    const struct libusb_transfer *transfer;
+};
+
 struct listener {
     libusb_hotplug_callback_fn called;
     void *user_data;
@@ -95,6 +103,7 @@ struct libusb_context {
 };
 
 static struct camera cameras[MAX_CAMERAS];
+static struct calling *callings;
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t changed = PTHREAD_COND_INITIALIZER;
 
@@ -481,8 +490,20 @@ struct libusb_transfer *libusb_alloc_transfer(int packets)
     return calloc(1, sizeof(struct libusb_transfer));
 }
 
+static bool is_called_back(const struct libusb_transfer *transfer)
+{
+    for (const struct calling *each = callings; each; each = each->next)
+        if (each->transfer == transfer)
+            return true;
+    return false;
+}
+
 void libusb_free_transfer(struct libusb_transfer *transfer)
 {
+    pthread_mutex_lock(&lock);
+    while (is_called_back(transfer))
+        pthread_cond_wait(&changed, &lock);
+    pthread_mutex_unlock(&lock);
     free(transfer);
 }
 
@@ -576,15 +597,28 @@ static struct libusb_transfer *take_finished(struct camera *camera, const libusb
     return transfer;
 }
 
+/* Call a transfer back; the lock is held before and after, but not meanwhile. */
+static void call_back(struct libusb_transfer *transfer)
+{
+    struct calling here = {callings, transfer};
+    callings = &here;
+    pthread_mutex_unlock(&lock);
+    transfer->callback(transfer);
+    pthread_mutex_lock(&lock);
+    struct calling **place = &callings;
+    while (*place != &here)
+        place = &(*place)->next;
+    *place = here.next;
+    pthread_cond_broadcast(&changed);
+}
+
 /* Call a finished transfer back, if there is one; the lock is held before and after. */
 static bool finish_one(libusb_context *context)
 {
     for (int number = 0; number < MAX_CAMERAS; number++) {
         struct libusb_transfer *over = take_finished(&cameras[number], context);
         if (over) {
-            pthread_mutex_unlock(&lock);
-            over->callback(over);
-            pthread_mutex_lock(&lock);
+            call_back(over);
             return true;
         }
     }
