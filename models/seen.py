@@ -159,7 +159,7 @@ class _Look:
 
     thumbnails: NDArray[np.uint8]
     orb: FeatureSets
-    viso2: list[Viso2Features | None]
+    viso2: Sequence[Viso2Features | None]
 
 
 def _see(opened: _Opened, grid: SettingsGrid, first: int, last: int) -> Arrays:
@@ -216,10 +216,8 @@ def _pose(truth: Truth) -> Pose:
 def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> _Look:
     """Look at a pose with every setting; hopeless pictures are not searched for features."""
     view = opened.scene.view("primary", opened.source.drive.scene_time_s(pose))
-    orb, viso2 = OrbFrontEnd(), Viso2FrontEnd()
     small: list[NDArray[np.uint8]] = []
-    found: list[OrbFeatures] = []
-    also_found: list[Viso2Features | None] = []
+    found: list[tuple[OrbFeatures, Viso2Features | None]] = []
     for index, exposure_us in enumerate(grid.exposures_us):
         darkest = Settings(exposure_us, grid.gains_db[0])
         sharp = opened.sensor.develop(view.radiance_cd_m2, darkest, pose)
@@ -231,7 +229,12 @@ def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> _Look:
             picture = opened.sensor.develop(radiance, Settings(exposure_us, gain_db), noise_seed)
             small.append(thumbnail(picture, "bayer_rggb8"))
             hopeless = hopeless or small[-1][1].mean() > HOPELESS_SATURATED * 255
-            grey = to_grey(picture, "bayer_rggb8")
-            found.append(_NO_FEATURES if hopeless else orb.features(grey))
-            also_found.append(viso2.features(grey) if len(found[-1]) >= FEW_FEATURES else None)
-    return _Look(np.stack(small), feature_sets(found, grid.cells()[:, 0].tolist()), also_found)
+            found.append((_NO_FEATURES, None) if hopeless else _searched(picture))
+    orb, viso2 = zip(*found, strict=True)
+    return _Look(np.stack(small), feature_sets(orb, grid.cells()[:, 0].tolist()), viso2)
+
+
+def _searched(picture: NDArray[np.uint8]) -> tuple[OrbFeatures, Viso2Features | None]:
+    grey = to_grey(picture, "bayer_rggb8")
+    orb = OrbFrontEnd().features(grey)
+    return orb, Viso2FrontEnd().features(grey) if len(orb) >= FEW_FEATURES else None

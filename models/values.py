@@ -86,14 +86,3 @@ def move_values(worth: Values, discount: float) -> Values:
         here += np.float32(discount) * following
         following = here.max(1)
     return values
-
-
-def best_path(worth: Values, discount: float) -> NDArray[np.int64]:
-    """Return the cell of every pose, P long, along the path of the highest value."""
-    values = move_values(worth, discount)
-    cell = int(values[0].max(1).argmax())
-    path = [cell]
-    for here in values:
-        cell = int(here[cell].argmax())
-        path.append(cell)
-    return np.array(path)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.core.clock import VirtualClock
+from rig.drivers.aravis import binding
 from rig.drivers.aravis.address import read_spec
 from rig.drivers.aravis.camera import steps_between
 from rig.drivers.aravis.ring import KEPT_BACK, RING_PICTURES, Ring
@@ -157,3 +158,26 @@ def test_an_address_says_how_the_pair_runs() -> None:
     assert (spec.mode, spec.rate_hz) == ("free-run", 20.0)
     assert read_spec("1,2", {"rate_hz": "max"}).rate_hz is None
     assert read_spec("1,2", {"link_bytes_per_s": "90000000"}).setup.link_bytes_per_s == 90_000_000
+
+
+class HeldDevice:
+    """A device that Aravis' own thread holds for a while, as when it tells of a loss."""
+
+    def __init__(self, looks: int) -> None:
+        self.looks = looks
+
+    @property
+    def __grefcount__(self) -> int:
+        self.looks -= 1
+        return 2 if self.looks > 0 else 1
+
+
+def test_a_device_is_let_go_when_nobody_else_holds_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    device, last = HeldDevice(looks=4), [None, object()]
+    last.append(device)
+    binding._let_go(last)
+    assert device.looks == 0 and last == []
+    monkeypatch.setattr(binding, "_LONGEST_HOLD_S", 0.01)
+    forever = HeldDevice(looks=1_000_000)
+    binding._let_go([None, object(), forever])
+    assert forever.looks > 0
