@@ -30,7 +30,7 @@ from rig.drivers.scenes.vehicle import shaken_drive
 from rig.drivers.scenes.weather import Weather, daylight, draw_weather, world_rng
 from rig.drivers.scenes.world import Plan
 
-ROUTE_VERSION = "route/2"
+ROUTE_VERSION = "route/3"
 
 _DRIVE_S = 76.0
 """Every loop at the usual speed lasts this long: the stops take what the moving leaves."""
@@ -42,6 +42,10 @@ _TURN_M = 14.0 * math.pi / 2 + 6.0
 _TURN_PER_M = 1 / 14.0
 _VERGE_M = 11.0
 _LAMP_LEVEL = 0.55
+_DEAD_M = ((0.0, 0.0), (14.0, 15.0))
+"""Between what lengths the stretch of dead lamps of the first and the second underpass is."""
+_VEIL = 0.5
+"""A hazy sun: in a clear one the street asks for so little exposure that 0 dB hardly smears."""
 _FRONT = ((-45.0, 0.0), (6.0, 0.0), (6.0, 14.0), (-45.0, 14.0))
 
 
@@ -113,11 +117,12 @@ def draw_layout(rng: np.random.Generator) -> Layout:
         sides=tuple(sides),
         bends=tuple(bends),
         wait_weights=tuple(rng.uniform(0.8, 1.25) for _ in range(3)),
-        weather=draw_weather(rng, math.pi, 180.0),
+        weather=draw_weather(rng, math.pi, 180.0).veiled(_VEIL),
         lightings=tuple(
-            draw_lighting(rng, side.entrance_m, side.exit_m, _LAMP_LEVEL) for side in _tubes(sides)
+            draw_lighting(rng, side.entrance_m, side.exit_m, _LAMP_LEVEL, dead_m)
+            for side, dead_m in zip(_tubes(sides), _DEAD_M, strict=True)
         ),
-        rough_outside=rng.uniform(6.0, 7.0),
+        rough_outside=rng.uniform(4.0, 4.6),
         open_share=rng.uniform(0.92, 1.08),
     )
 

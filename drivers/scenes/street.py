@@ -57,11 +57,16 @@ class Lighting(NamedTuple):
 
 
 def draw_lighting(
-    rng: np.random.Generator, entrance_m: float, exit_m: float, level: float = 1.0
+    rng: np.random.Generator,
+    entrance_m: float,
+    exit_m: float,
+    level: float = 1.0,
+    dead_m: tuple[float, float] = (10.5, 11.5),
 ) -> Lighting:
     """Return the lamps of an underpass of about 80 m: the further apart, the brighter.
 
-    `level` is how bright it is beside that of `tunnel`.
+    `level` is how bright it is beside that of `tunnel`, `dead_m` from what range the length of
+    the stretch is drawn whose lamps do not work.
     """
     step_m = rng.uniform(5.0, 7.0)
     dark_from_m = entrance_m + rng.uniform(44.0, 46.0)
@@ -69,7 +74,7 @@ def draw_lighting(
         entrance_m=entrance_m,
         exit_m=exit_m,
         dark_from_m=dark_from_m,
-        dark_to_m=dark_from_m + rng.uniform(10.5, 11.5),
+        dark_to_m=dark_from_m + rng.uniform(*dead_m),
         lamp_cd_m2=level * _LAMP_CD_M2 * step_m / 6.0 * rng.uniform(0.93, 1.07),
         lamp_step_m=step_m,
     )

@@ -22,6 +22,10 @@ class Weather(NamedTuple):
     sky_cd_m2: float
     cloud: float
 
+    def veiled(self, share: float) -> Weather:
+        """Return the sun and sky when haze lets only `share` (0..1) of them through."""
+        return self._replace(sun_lux=share * self.sun_lux, sky_cd_m2=share * self.sky_cd_m2)
+
 
 class Daylight(NamedTuple):
     """The panorama that is seen and the light that falls on surfaces."""
