@@ -12,7 +12,7 @@ from rig.drivers.scenes import route, worlds
 from rig.drivers.scenes.cache import cached
 from rig.drivers.scenes.textures import make_atlas
 from rig.drivers.scenes.tunnel import draw_layout
-from rig.drivers.scenes.weather import world_rng
+from rig.drivers.scenes.weather import draw_weather, world_rng
 from rig.drivers.scenes.world import Plan, RenderedScene
 from rig.drivers.scenes.worlds import open_world
 
@@ -67,6 +67,8 @@ def test_every_route_drives_a_whole_block_and_stands_three_times(split: str) -> 
             path.heading_rad(side.end_m) - path.heading_rad(side.turn_m) for side in layout.sides
         ]
         assert turned == pytest.approx([0.5 * np.pi] * 4, abs=0.01)
+        dead_m = [lighting.dark_to_m - lighting.dark_from_m for lighting in layout.lightings]
+        assert dead_m == [0.0, pytest.approx(14.5, abs=0.5)]
         tubes = [side for side in layout.sides if np.isfinite(side.entrance_m)]
         assert [78 <= side.exit_m - side.entrance_m <= 82 for side in tubes] == [True, True]
         assert [stands(plan, passed(plan, stop.s_m) / 10) for stop in layout.stops] == [True] * 3
@@ -86,6 +88,13 @@ def test_routes_differ_in_pace_and_shaking() -> None:
     assert max(begun_m) > 1.06 * min(begun_m)
     weave_m = [plan.drive.right[0].amplitude for plan in plans]
     assert 1.1 * min(weave_m) < max(weave_m) <= 0.25
+
+
+def test_haze_dims_sun_and_sky_alike_and_moves_neither() -> None:
+    clear = draw_weather(np.random.default_rng(0), 0.0)
+    hazy = clear.veiled(0.5)
+    assert (hazy.sun_lux, hazy.sky_cd_m2) == (0.5 * clear.sun_lux, 0.5 * clear.sky_cd_m2)
+    assert hazy._replace(sun_lux=clear.sun_lux, sky_cd_m2=clear.sky_cd_m2) == clear
 
 
 def test_a_slow_route_waits_as_long_and_moves_longer() -> None:
