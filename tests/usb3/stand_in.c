@@ -659,13 +659,13 @@ int libusb_handle_events_timeout(libusb_context *context, struct timeval *timeou
 {
     (void)timeout;
     struct timespec until;
-    clock_gettime(CLOCK_REALTIME, &until);
+    clock_gettime(CLOCK_MONOTONIC, &until);
     until.tv_nsec += MAX_WAIT_MS * 1000000L;
     until.tv_sec += until.tv_nsec / 1000000000L;
     until.tv_nsec %= 1000000000L;
     pthread_mutex_lock(&lock);
     while (!tell_of_one_that_left(context) && !finish_one(context))
-        if (pthread_cond_timedwait(&changed, &lock, &until) != 0) {
+        if (pthread_cond_clockwait(&changed, &lock, CLOCK_MONOTONIC, &until) != 0) {
             disturb(context);
             break;
         }
