@@ -15,15 +15,19 @@ from rig.drivers.scenes.vehicle import shaken_drive
 from rig.drivers.scenes.weather import daylight, draw_weather, world_rng
 from rig.drivers.scenes.world import Plan
 
-ROAD_VERSION = "road/2"
+ROAD_VERSION = "road/3"
 
 _DRIVE_M = 12.0 * 13.9
+_PACE = (0.9, 1.1)
 _BEHIND_M = 40.0
 _END_M = _DRIVE_M + 120.0
 
 
 def road(seed: int, split: str, speed_mps: float) -> Plan:
-    """Return the plan of one open road with a drive along it."""
+    """Return the plan of one open road with a drive along it.
+
+    Drives last as long in every world; how fast they are, and so how far they go, differs.
+    """
 
     def rng(part: str) -> np.random.Generator:
         return world_rng("road", split, seed, part)
@@ -32,6 +36,7 @@ def road(seed: int, split: str, speed_mps: float) -> Plan:
     path = Path(_draw_bends(drawn), _BEHIND_M + _END_M)
     light = daylight(draw_weather(drawn, math.pi), rng("sky"))
     roughness = (Knot(0.0, drawn.uniform(0.8, 1.6)),)
+    driven_mps = speed_mps * drawn.uniform(*_PACE)
     return Plan(
         key=f"road {split} {seed}",
         version=ROAD_VERSION,
@@ -39,7 +44,7 @@ def road(seed: int, split: str, speed_mps: float) -> Plan:
         textures=lambda: street_textures(rng("textures")),
         sky=lambda: light.sky,
         sun=light.sun,
-        drive=shaken_drive(rng("motion"), path, speed_mps, roughness=roughness),
+        drive=shaken_drive(rng("motion"), path, driven_mps, roughness=roughness),
         drive_s=_DRIVE_M / speed_mps,
     )
 

@@ -116,6 +116,14 @@ def test_a_route_has_dark_and_bright_places_and_a_road_has_neither() -> None:
     assert max(light["road"]) < 1.5 * min(light["road"])
 
 
+def test_roads_differ_in_speed_and_not_in_duration() -> None:
+    plans = [worlds.WORLDS["road"](seed, "test", USUAL_MPS) for seed in range(6)]
+    assert {plan.drive_s for plan in plans} == {12.0}
+    shares = [plan.drive.speed_mps / USUAL_MPS for plan in plans]
+    assert all(0.9 <= share <= 1.1 for share in shares)
+    assert np.ptp(shares) > 0.05
+
+
 def test_a_slower_drive_sees_the_same_places_later(scene: RenderedScene) -> None:
     slow = open_world(
         "tunnel", seed=0, split="test", width_px=64, height_px=48, speed_mps=0.5 * USUAL_MPS
