@@ -14,7 +14,16 @@ from rig.core.types import THESIS_LIMITS
 from rig.models.behaviour import RandomExposure
 from rig.models.dataset import scale_settings
 from rig.models.grid import SettingsGrid
-from rig.models.rollout import Frames, Journey, Settings2, Trip, clamped, matches, roll_out
+from rig.models.rollout import (
+    Frames,
+    Journey,
+    Settings2,
+    Trip,
+    clamped,
+    matches,
+    other_inliers,
+    roll_out,
+)
 from rig.models.scoremap import FRAMES, ScoreMap
 from rig.models.seen import SeenDrive
 
@@ -26,10 +35,12 @@ _START_DB = (0.0, 20.0)
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Matches of a journey by ground truth, warm-up left out."""
+    """Matches of a journey by ground truth and expected viso2-style inliers, warm-up left out."""
 
     median: float
     min: float
+    other_median: float
+    other_min: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +171,12 @@ def scores(
     starts = np.tile([1_000.0, 0.0], (len(drives), 1))
     trips = [Trip(drive, latency) for drive in range(len(drives))]
     journeys = roll_out(drives, grid, trips, starts, policy)
-    counts = [
-        matches(drives[one.trip.drive], grid, one.used, one.trip)[WARM_UP_PAIRS - 1 :]
-        for one in journeys
-    ]
-    return [Score(float(np.median(one)), float(one.min())) for one in counts]
+    return [_score(drives[one.trip.drive], grid, one) for one in journeys]
+
+
+def _score(drive: SeenDrive, grid: SettingsGrid, journey: Journey) -> Score:
+    counts = (
+        count(drive, grid, journey.used, journey.trip)[WARM_UP_PAIRS - 1 :]
+        for count in (matches, other_inliers)
+    )
+    return Score(*(float(reach(one)) for one in counts for reach in (np.median, np.min)))

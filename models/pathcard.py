@@ -21,8 +21,8 @@ LIMITS = """## Limits
 Trained for one simulated camera model, one lens and one aperture: another aperture or sensor moves
 the settings that are right (thesis 5.3). It has seen only the kinds of world and the speeds of its
 drives. A camera that applies settings later than in the next frame costs it something.
-The figures above count matches by ground truth and interpolate between settings: they choose
-between trainings, and only races say how good a network is."""
+The figures above count matches by ground truth, expect inliers, and interpolate between settings:
+they choose between trainings, and only races say how good a network is."""
 
 
 def write_path_card(result: PathTrainingResult) -> None:
@@ -111,7 +111,8 @@ def _stages(result: PathTrainingResult) -> str:
 The first learns from random behaviours, the others from the network's own drives as well.
 {_trips(result)}
 
-| seed | stage | loss | held back, matches in closed loop: median / minimum of each drive | \
+| seed | stage | loss | held back, in closed loop: median / minimum of ORB's matches \
+(expected viso2-style inliers) of each drive | \
 the same, {max(result.recipe.chances.latencies)} frames late |
 |---|---|---|---|---|
 {table}"""
@@ -128,7 +129,13 @@ def _trips(result: PathTrainingResult) -> str:
 
 
 def _reached(scores: Sequence[Score]) -> str:
-    return ", ".join(f"{score.median:.0f} / {score.min:.0f}" for score in scores) or "-"
+    return (
+        ", ".join(
+            f"{one.median:.0f} / {one.min:.0f} ({one.other_median:.0f} / {one.other_min:.0f})"
+            for one in scores
+        )
+        or "-"
+    )
 
 
 def _proof(result: PathTrainingResult) -> str:

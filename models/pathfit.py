@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -135,7 +135,7 @@ class Lessons:
             like = self._grid.relit(light)
             seen = self._drives[drive]
             moves, steady = seen.moves[:, like][:, :, like], seen.steady[:, like]
-            worth = move_worth(moves, steady, self._utility, self._grid.opposed_ev())
+            worth = move_worth(moves, steady, self._utility, self._grid)
             self._known[drive, light] = move_values(worth, self._utility.discount)
         return self._known[drive, light]
 
@@ -212,10 +212,14 @@ class StageResult:
 
     @property
     def worth(self) -> float:
-        """Return what stages are compared by: log median and, at 0.3 of it, log minimum."""
+        """Return what stages are compared by: log median and, at 0.3 of it, log minimum.
+
+        Of both front ends, each as much; of drives, and as cameras are prompt or late, the mean.
+        """
         reached = (*self.held_back, *self.late)
+        both = [((s.median, s.min), (s.other_median, s.other_min)) for s in reached]
         return float(
-            np.mean([math.log(s.median + 1) + 0.3 * math.log(s.min + 20) for s in reached])
+            np.mean([math.log(m + 1) + 0.3 * math.log(n + 20) for one in both for m, n in one])
         )
 
 
@@ -310,7 +314,10 @@ class PathFit:
             "history": [
                 [
                     one.loss,
-                    *([[s.median, s.min] for s in some] for some in (one.held_back, one.late)),
+                    *(
+                        [list(astuple(score)) for score in some]
+                        for some in (one.held_back, one.late)
+                    ),
                 ]
                 for one in self.history
             ],

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.types import THESIS_LIMITS, Limits
-from rig.models.grid import SettingsGrid
+from rig.models.grid import SettingsGrid, brightness_ev
 from rig.models.seen import SeenDrive
+from rig.models.values import kept_share
 
 Settings2 = NDArray[np.float64]
 """N x (exposure_us, gain_db)."""
@@ -107,13 +108,34 @@ def matches(
     Between cells a move is a mixture of moves between cells in which both ends shift together as
     far as they can: resting between two cells is a mixture of resting on either.
     """
-    cells, weights = grid.corners(used)
-    light = trip.light_at(np.arange(len(used)))
-    cells = np.stack([grid.relit(int(steps))[one] for steps, one in zip(light, cells, strict=True)])
+    cells, weights = _relit_corners(grid, used, trip)
     between = drive.moves[
         np.arange(len(used) - 1)[:, None, None], cells[:-1, :, None], cells[1:, None, :]
     ]
     return np.asarray((between * _together(weights[:-1], weights[1:])).sum((1, 2)))
+
+
+def other_inliers(
+    drive: SeenDrive, grid: SettingsGrid, used: Settings2, trip: Trip
+) -> NDArray[np.float64]:
+    """Return the P-1 viso2-style inliers to expect between consecutive pictures of a trip."""
+    cells, weights = _relit_corners(grid, used, trip)
+    pair = np.arange(len(used) - 1)[:, None]
+    before, after = (
+        (drive.steady[pair, cells[ends]] * weights[ends]).sum(1)
+        for ends in (slice(None, -1), slice(1, None))
+    )
+    kept = kept_share(np.diff(brightness_ev(used)))
+    return np.asarray(np.minimum(before, after) * kept)
+
+
+def _relit_corners(
+    grid: SettingsGrid, used: Settings2, trip: Trip
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    cells, weights = grid.corners(used)
+    light = trip.light_at(np.arange(len(used)))
+    relit = [grid.relit(int(steps))[one] for steps, one in zip(light, cells, strict=True)]
+    return np.stack(relit), weights
 
 
 def _together(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,8 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.errors import UsageError
+from rig.models.grid import SettingsGrid
 
 Values = NDArray[np.float32]
+
+_KEPT_FALLOFF = 1.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +28,9 @@ class Utility:
     alone: at 20 matches it outweighs most that could follow, at 80 it is nothing, so a way of
     several poor pairs is taken where it spares a very poor one. `discount` in [0, 1) is per frame.
     `opposed_cost` is for each stop that exposure and gain move against each other: the pictures
-    are as bright as before, but blurred and noisy in another way. `steady_weight` ln(n + 50) is
-    the worth of n inliers that the other front end has where the setting stays.
+    are as bright as before, but blurred and noisy in another way. `other_weight`, `other_fear` and
+    `other_falloff` are the same of the inliers to expect of the other front end
+    (`expected_inliers`).
     """
 
     log_weight: float = 0.3
@@ -34,7 +38,9 @@ class Utility:
     fear_falloff: float = 10.0
     discount: float = 0.95
     opposed_cost: float = 0.02
-    steady_weight: float = 0.15
+    other_weight: float = 0.15
+    other_fear: float = 6.0
+    other_falloff: float = 30.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:
@@ -42,12 +48,16 @@ class Utility:
 
     def of(self, matches: Values) -> Values:
         """Return the utility of each count."""
-        fear = self.fear * np.exp(-matches / self.fear_falloff)
-        return np.asarray(self.log_weight * np.log(matches + 50) - fear, np.float32)
+        return _worth(matches, self.log_weight, self.fear, self.fear_falloff)
 
-    def of_steady(self, inliers: Values) -> Values:
-        """Return the utility of each setting's inliers in the other front end."""
-        return np.asarray(self.steady_weight * np.log(inliers + 50), np.float32)
+    def of_other(self, inliers: Values) -> Values:
+        """Return the utility of each count of the other front end."""
+        return _worth(inliers, self.other_weight, self.other_fear, self.other_falloff)
+
+
+def _worth(counts: Values, log_weight: float, fear: float, falloff: float) -> Values:
+    feared = fear * np.exp(-counts / falloff)
+    return np.asarray(log_weight * np.log(counts + 50) - feared, np.float32)
 
 
 def denoised(counts: NDArray[np.int16]) -> Values:
@@ -60,19 +70,36 @@ def denoised(counts: NDArray[np.int16]) -> Values:
     return np.asarray((around[:-2] + around[1:-1] + around[2:]) / 3)
 
 
+def kept_share(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the share of viso2-style inliers that a change of brightness leaves, in stops.
+
+    The front end compares brightness itself: 0.7 are left at half a stop, 0.25 at one and 0.004 at
+    two. Measured on 4,700 moves in 16 places of three train drives, where 60 to 250 were left
+    without a change; where there are more, a change costs less.
+    """
+    return np.asarray(np.exp(-_KEPT_FALLOFF * np.square(changed_ev)))
+
+
+def expected_inliers(steady: Values, distance_ev: NDArray[np.float64]) -> Values:
+    """Return the viso2-style inliers to expect of every move, P-1 x S (from) x S (to).
+
+    They are those that the poorer of both settings has where it stays (`steady`, P-1 x S), as far
+    as the change of brightness leaves them.
+    """
+    poorer = np.minimum(steady[:, :, None], steady[:, None, :])
+    return np.asarray(poorer * kept_share(distance_ev).astype(np.float32))
+
+
 def move_worth(
-    moves: NDArray[np.int16],
-    steady: NDArray[np.int16],
-    utility: Utility,
-    opposed_ev: NDArray[np.float64],
+    moves: NDArray[np.int16], steady: NDArray[np.int16], utility: Utility, grid: SettingsGrid
 ) -> Values:
     """Return the worth of every move by itself, P-1 x S (from) x S (to).
 
-    `moves` and `steady` are those of a drive, P-1 x S x S and P-1 x S; `opposed_ev` is that of the
-    grid, S x S.
+    `moves` and `steady` are those of a drive over the grid, P-1 x S x S and P-1 x S.
     """
-    worth = utility.of(denoised(moves)) + utility.of_steady(denoised(steady))[:, None, :]
-    return np.asarray(worth - (utility.opposed_cost * opposed_ev).astype(np.float32))
+    other = expected_inliers(denoised(steady), grid.distance_ev())
+    worth = utility.of(denoised(moves)) + utility.of_other(other)
+    return np.asarray(worth - (utility.opposed_cost * grid.opposed_ev()).astype(np.float32))
 
 
 def move_values(worth: Values, discount: float) -> Values:

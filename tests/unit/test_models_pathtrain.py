@@ -72,7 +72,8 @@ def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Pa
 
 @pytest.mark.parametrize("objective", ["values", "best"])
 def test_it_learns_to_follow_the_light(objective: str) -> None:
-    recipe = replace(QUICK, objective=objective)
+    judged_by = Utility(other_weight=0.0, other_fear=0.0)
+    recipe = replace(QUICK, objective=objective, utility=judged_by)
     fit = PathFit(recipe, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
     standing = scores(lambda _pose, _frames, used: used, [make_drive(9)], GRID)[0]
     losses: list[float] = []
@@ -111,7 +112,7 @@ def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
     cells = np.random.default_rng(4).integers(0, len(GRID), 40)
     used = GRID.cells()[cells]
     frames = drive.thumbnails[np.arange(40), cells]
-    worth = move_worth(drive.moves, drive.steady, Utility(), GRID.opposed_ev())
+    worth = move_worth(drive.moves, drive.steady, Utility(), GRID)
     worth = move_values(worth, Utility().discount)
     for late in (0, 2):
         samples = gather([Journey(Trip(0, late), frames, used)], lessons)

@@ -11,8 +11,15 @@ from synthetic_drives import GRID, make_drive
 from rig.core.errors import UsageError
 from rig.models.behaviour import RandomExposure
 from rig.models.grid import brightness_ev, path_grid
-from rig.models.rollout import Trip, look, matches, roll_out
-from rig.models.values import Utility, denoised, move_values, move_worth
+from rig.models.rollout import Trip, look, matches, other_inliers, roll_out
+from rig.models.values import (
+    Utility,
+    denoised,
+    expected_inliers,
+    kept_share,
+    move_values,
+    move_worth,
+)
 
 
 def test_the_highest_value_is_that_of_the_best_of_all_paths() -> None:
@@ -48,13 +55,32 @@ def test_counts_are_averaged_with_their_neighbours_in_time() -> None:
     assert denoised(counts)[:, 0].tolist() == [6.0, 4.0, 3.0, 5.0]
 
 
-def test_what_the_other_front_end_sees_in_a_setting_is_worth_something() -> None:
-    moves = np.full((2, 2, 2), 300, np.int16)
-    steady = np.array([[100, 200], [100, 200]], np.int16)
-    worth = move_worth(moves, steady, Utility(steady_weight=0.2), np.zeros((2, 2)))
-    assert np.allclose(worth[:, :, 1] - worth[:, :, 0], 0.2 * np.log(250 / 150), atol=1e-5)
-    alike = move_worth(moves, steady, Utility(steady_weight=0.0), np.zeros((2, 2)))
-    assert np.ptp(alike) == 0
+def test_the_other_front_end_bears_no_change_of_brightness() -> None:
+    steady = np.array([[200.0, 100.0, 300.0]], np.float32)
+    apart_ev = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [1.0, 2.0, 0.0]])
+    expected = expected_inliers(steady, apart_ev)[0]
+    one, two = kept_share(np.array([1.0, 2.0]))
+    assert expected[0].tolist() == pytest.approx([200.0, 100.0, 200.0 * one])
+    assert expected[2].tolist() == pytest.approx([200.0 * one, 100.0 * two, 300.0])
+    assert two < 0.01 < 0.2 < one < kept_share(np.array([0.5]))[0] < kept_share(np.zeros(1))[0] == 1
+
+
+def test_what_the_other_front_end_sees_is_worth_something() -> None:
+    moves = np.full((2, len(GRID), len(GRID)), 300, np.int16)
+    steady = np.full(moves.shape[:2], 100, np.int16)
+    steady[:, 1] = 200
+    worth = move_worth(moves, steady, Utility(other_weight=0.2, other_fear=0.0), GRID)
+    assert worth[0, 1, 1] - worth[0, 0, 0] == pytest.approx(0.2 * np.log(250 / 150), abs=1e-5)
+    alike = move_worth(moves, steady, Utility(other_weight=0.0, other_fear=0.0), GRID)
+    assert alike[0, 1, 1] == alike[0, 0, 0]
+
+
+def test_few_inliers_of_the_other_front_end_are_feared() -> None:
+    many, few = np.array([300.0], np.float32), np.array([5.0], np.float32)
+    fearless = Utility(other_fear=0.0)
+    afraid = Utility(other_fear=10.0, other_falloff=10.0)
+    assert afraid.of_other(many) == pytest.approx(fearless.of_other(many), abs=1e-5)
+    assert fearless.of_other(few) - afraid.of_other(few) == pytest.approx(10 * np.exp(-0.5))
 
 
 def test_a_discount_of_one_is_refused() -> None:
@@ -97,6 +123,19 @@ def test_resting_between_two_cells_is_a_mixture_of_resting_on_either() -> None:
     away[1::2] = cells[4]
     moving = matches(drive, GRID, away, Trip(0))[0]
     assert moving == pytest.approx((drive.moves[0, 0, 4] + drive.moves[0, 4, 4]) / 2.0)
+
+
+def test_the_other_front_end_expects_what_is_left_of_the_poorer_picture() -> None:
+    drive = make_drive(1)
+    cells = GRID.cells()
+    path = np.zeros(40, int)
+    path[20:] = 4
+    expected = other_inliers(drive, GRID, cells[path], Trip(0))
+    assert np.array_equal(expected[:19], drive.steady[:19, 0])
+    assert np.array_equal(expected[20:], drive.steady[20:, 4])
+    step_ev = np.log2(GRID.exposures_us[1] / GRID.exposures_us[0])
+    poorer = min(drive.steady[19, 0], drive.steady[19, 4])
+    assert expected[19] == pytest.approx(poorer * kept_share(np.array([step_ev]))[0])
 
 
 def test_between_two_cells_a_picture_is_between_theirs() -> None:
@@ -176,10 +215,10 @@ def test_moves_along_equal_brightness_cost_and_others_do_not() -> None:
 
     moves = np.full((6, len(GRID), len(GRID)), 300, np.int16)
     dear, free = (
-        move_worth(moves, moves[:, 0], Utility(opposed_cost=cost), opposed) for cost in (0.1, 0.0)
+        move_worth(moves, moves[:, 0], Utility(opposed_cost=cost), GRID) for cost in (0.1, 0.0)
     )
-    assert dear[0, 4, 1] == pytest.approx(dear[0, 4, 4] - 0.1 * opposed[4, 1], abs=1e-5)
-    assert free[0, 4, 1] == free[0, 4, 4]
+    assert dear[0, 4, 4] == free[0, 4, 4]
+    assert dear[0, 4, 1] == pytest.approx(free[0, 4, 1] - 0.1 * opposed[4, 1], abs=1e-5)
 
 
 def test_random_behaviours_reach_all_over_the_limits_and_repeat_with_their_seed() -> None:
