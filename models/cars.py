@@ -42,6 +42,12 @@ class Score:
     other_median: float
     other_min: float
 
+    @property
+    def worth(self) -> float:
+        """Return log median and, at 0.3 of it, log minimum; the mean of both front ends."""
+        both = ((self.median, self.min), (self.other_median, self.other_min))
+        return float(np.mean([math.log(m + 1) + 0.3 * math.log(n + 20) for m, n in both]))
+
 
 @dataclass(frozen=True, slots=True)
 class Chances:

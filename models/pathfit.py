@@ -212,15 +212,8 @@ class StageResult:
 
     @property
     def worth(self) -> float:
-        """Return what stages are compared by: log median and, at 0.3 of it, log minimum.
-
-        Of both front ends, each as much; of drives, and as cameras are prompt or late, the mean.
-        """
-        reached = (*self.held_back, *self.late)
-        both = [((s.median, s.min), (s.other_median, s.other_min)) for s in reached]
-        return float(
-            np.mean([math.log(m + 1) + 0.3 * math.log(n + 20) for one in both for m, n in one])
-        )
+        """Return what stages are compared by: the mean worth of all drives, prompt and late."""
+        return float(np.mean([score.worth for score in (*self.held_back, *self.late)]))
 
 
 StageProgress = Callable[[int, int, int, float], None]

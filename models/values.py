@@ -17,7 +17,7 @@ from rig.models.grid import SettingsGrid
 
 Values = NDArray[np.float32]
 
-_KEPT_FALLOFF = 1.4
+_LOST_PER_EV2 = 1.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +71,13 @@ def denoised(counts: NDArray[np.int16]) -> Values:
 
 
 def kept_share(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the share of viso2-style inliers that a change of brightness leaves, in stops.
+    """Return the share, 0 to 1, of viso2-style inliers that a change by so many stops leaves.
 
     The front end compares brightness itself: 0.7 are left at half a stop, 0.25 at one and 0.004 at
-    two. Measured on 4,700 moves in 16 places of three train drives, where 60 to 250 were left
-    without a change; where there are more, a change costs less.
+    two. Fitted to the medians of 3,300 moves in 16 places of three train drives, where 60 to 250
+    were left without a change (docs/learning.md); where there are more, a change costs less.
     """
-    return np.asarray(np.exp(-_KEPT_FALLOFF * np.square(changed_ev)))
+    return np.asarray(np.exp(-_LOST_PER_EV2 * np.square(changed_ev)))
 
 
 def expected_inliers(steady: Values, distance_ev: NDArray[np.float64]) -> Values:

@@ -55,6 +55,7 @@ def seen_by_libusb() -> list[str]:
     serials = []
     try:
         for device in usb.core.find(find_all=True, idVendor=VENDOR_ID):
+            # pyusb says in one of these ways that a device may not be read: it counts as unseen.
             with contextlib.suppress(usb.core.USBError, ValueError, NotImplementedError):
                 serials.append(str(usb.util.get_string(device, device.iSerialNumber)))
     except usb.core.NoBackendError as error:

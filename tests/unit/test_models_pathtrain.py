@@ -14,10 +14,10 @@ from rig.cli.main import run
 from rig.controllers.network import NetworkController
 from rig.core.errors import ModelError, RecordingError, UsageError
 from rig.core.types import THESIS_LIMITS, Frame, Settings
-from rig.models.cars import Chances, NetworkCars, scores
+from rig.models.cars import Chances, NetworkCars, Score, scores
 from rig.models.dataset import scale_settings
 from rig.models.fit import Checkpoint
-from rig.models.pathfit import Lessons, PathFit, PathRecipe, gather, make_recipe
+from rig.models.pathfit import Lessons, PathFit, PathRecipe, StageResult, gather, make_recipe
 from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
 from rig.models.rollout import Journey, Trip, roll_out
@@ -72,8 +72,8 @@ def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Pa
 
 @pytest.mark.parametrize("objective", ["values", "best"])
 def test_it_learns_to_follow_the_light(objective: str) -> None:
-    judged_by = Utility(other_weight=0.0, other_fear=0.0)
-    recipe = replace(QUICK, objective=objective, utility=judged_by)
+    orb_alone = Utility(other_weight=0.0, other_fear=0.0)
+    recipe = replace(QUICK, objective=objective, utility=orb_alone)
     fit = PathFit(recipe, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
     standing = scores(lambda _pose, _frames, used: used, [make_drive(9)], GRID)[0]
     losses: list[float] = []
@@ -84,6 +84,18 @@ def test_it_learns_to_follow_the_light(objective: str) -> None:
     assert reached.median > standing.median + 100
     assert reached.median > 300
     assert fit.history[-1].late == tuple(scores(NetworkCars(fit.network), [make_drive(9)], GRID, 2))
+
+
+def test_a_stage_is_worth_more_for_either_front_end_and_for_its_worst_pair() -> None:
+    def worth(*score: float) -> float:
+        return StageResult(1.0, (Score(500.0, 30.0, 350.0, 40.0), Score(*score))).worth
+
+    usual = worth(500.0, 30.0, 350.0, 40.0)
+    gains = [worth(550, 30, 350, 40), worth(500, 33, 350, 40)]
+    gains += [worth(500, 30, 385, 40), worth(500, 30, 350, 44)]
+    assert min(gains) > usual
+    assert worth(500, 60, 350, 40) > worth(550, 30, 350, 40)
+    assert worth(500, 30, 350, 80) > worth(500, 30, 385, 40)
 
 
 def test_the_answer_lies_around_the_best_cells() -> None:

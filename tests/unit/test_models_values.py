@@ -55,7 +55,7 @@ def test_counts_are_averaged_with_their_neighbours_in_time() -> None:
     assert denoised(counts)[:, 0].tolist() == [6.0, 4.0, 3.0, 5.0]
 
 
-def test_the_other_front_end_bears_no_change_of_brightness() -> None:
+def test_the_other_front_end_bears_little_change_of_brightness() -> None:
     steady = np.array([[200.0, 100.0, 300.0]], np.float32)
     apart_ev = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [1.0, 2.0, 0.0]])
     expected = expected_inliers(steady, apart_ev)[0]
