@@ -23,7 +23,8 @@ def bound(
 ) -> int:
     """Work out the best median and minimum of inliers that any controller could reach.
 
-    Counts are kept in the user's cache: after Ctrl-C the same command goes on.
+    The paths that reach them know the future and the noise; what they have in other noise is told
+    as well. Counts are kept in the user's cache: after Ctrl-C the same command goes on.
 
     Parameters
     ----------
@@ -59,6 +60,8 @@ def bound(
         f"SIMULATED: {found.cameras}\n"
         f"best median {found.best_median}, best minimum {found.best_min}: each by a path of its "
         f"own over {exposures} x {gains} settings\n"
+        f"in other noise the same paths have a median of {found.replayed.median:.0f} and a minimum "
+        f"of {found.replayed.min:.0f}\n"
         f"best constant {best.settings.exposure_us:.0f} us, {best.settings.gain_db:g} dB: "
         f"median {best.median:.0f}, minimum {best.min}",
         asdict(found),

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from rig.bulk import Workers, run_tasks
 from rig.cli.attach import check_attached
 from rig.cli.exits import OK
-from rig.cli.judge import REPORT, figure, judge, table
+from rig.cli.judge import REPORT, figure, judge, table, with_ceiling
 from rig.cli.options import make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
@@ -25,6 +25,7 @@ from rig.evaluation.front_ends import FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures, natural_order
 from rig.evaluation.report.league import ranking, write_league
+from rig.evaluation.report.verdict import shares_text
 from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import RACE_SIDES, Summary
 from rig.record.reader import open_recording
@@ -126,6 +127,11 @@ class How:
     front_end: str
     undistort: bool
 
+    @property
+    def orb_as_races(self) -> bool:
+        """Return whether ORB inliers are counted by the recipe of races, so of bounds."""
+        return "orb" in self.front_end.split(",") and not self.undistort
+
 
 def judge_runs(runs: list[Path], how: How, workers: Workers, terminal: Terminal) -> list[Summary]:
     """Judge recordings side by side, in their order; a single one shows its triggers go by."""
@@ -143,7 +149,8 @@ def judge_runs(runs: list[Path], how: How, workers: Workers, terminal: Terminal)
 def judge_run(how: How, path: Path, terminal: Terminal = SILENT) -> Summary:
     """Judge one recording, in whatever process."""
     front_ends = parse_front_ends(how.front_end)
-    return judge(open_recording(path), terminal, front_ends, undistort=how.undistort)
+    judged = judge(open_recording(path), terminal, front_ends, undistort=how.undistort)
+    return with_ceiling(judged) if how.orb_as_races else judged
 
 
 def names_of(runs: Sequence[Path]) -> list[str]:
@@ -203,6 +210,9 @@ def words(values: dict[str, Any]) -> str:
     lines += [
         duel(pair, result, values["differences"][pair]) for pair, result in values["paired"].items()
     ]
+    lines += [
+        nearness(name, told) for name, told in values["by_controller"].items() if "of_bound" in told
+    ]
     for path, told in values.get("pictures", {}).items():
         for name, title in FRONT_END_TITLES.items():
             if name in told:
@@ -213,6 +223,12 @@ def words(values: dict[str, Any]) -> str:
                     f"{title} median {middle}, min {told[name]['min']}"
                 )
     return "\n".join(lines)
+
+
+def nearness(controller: str, told: dict[str, Any]) -> str:
+    """Return which share of the bound a controller reached, over the runs where it is known."""
+    near = told["of_bound"]
+    return f"{controller}: {shares_text(near)} of the bound, mean of {near['runs']} runs"
 
 
 def league(values: dict[str, Any]) -> str:

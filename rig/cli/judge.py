@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,11 @@ from rig.calibration.undistorted import undistorted
 from rig.cli.attach import taken_on
 from rig.cli.terminal import Advance, Terminal
 from rig.core.types import PairRecord
+from rig.evaluation.ceiling import Ceiling
 from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.report.page import write_report
-from rig.evaluation.report.verdict import verdict
+from rig.evaluation.report.verdict import nearness, verdict
+from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import Summary, summarise
 from rig.record.header import RunHeader
 from rig.record.reader import Recording, open_recording
@@ -63,18 +65,29 @@ def judge(
 def publish(folder: Path, terminal: Terminal, *, pictures: bool = True) -> Summary:
     """Judge a recorded run and write summary.json and report.html beside it."""
     recording = open_recording(folder)
-    summary = judge(recording, terminal)
+    summary = with_ceiling(judge(recording, terminal))
     values = json.dumps(summary.as_json(), indent=2)
     (folder / "summary.json").write_text(values + "\n", encoding="utf-8")
     write_report(folder / REPORT, recording, summary, pictures=pictures)
     return summary
 
 
+def with_ceiling(summary: Summary) -> Summary:
+    """Return the summary with the bound of its drive, if whole and worked out before."""
+    from rig.experiments.bound import known_bound
+
+    known = known_bound(summary.header.cameras, summary.header.world_version)
+    if known is None or known.pairs != len(summary.series) - WARM_UP_PAIRS:
+        return summary
+    return replace(summary, ceiling=Ceiling(known.best_median, known.best_min))
+
+
 def tell(folder: Path, summary: Summary, terminal: Terminal) -> None:
     """Print the verdict, a table, and where the report is."""
     values = summary.as_json()
-    text = f"{verdict(summary)}\n{table([values])}\nreport: {folder / REPORT}"
-    terminal.result(text, values)
+    near = nearness(summary)
+    lines = [verdict(summary), table([values]), *([near] if near else [])]
+    terminal.result("\n".join([*lines, f"report: {folder / REPORT}"]), values)
 
 
 def table(runs: list[dict[str, Any]]) -> str:

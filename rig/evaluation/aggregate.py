@@ -22,8 +22,9 @@ def aggregate(runs: Sequence[RunJson], *, seed: int = 0) -> dict[str, Any]:
     """Return the content of evaluation.json (schema rig.evaluation/1) for summaries of runs.
 
     `by_controller` averages each statistic over every time that a controller drove a camera (as
-    tables 5.3 and 5.4 of the thesis do); `runs` counts the recordings that it drove in. `paired`
-    compares the two controllers of each recording; see `paired`. `seed` draws the resamples.
+    tables 5.3 and 5.4 of the thesis do); `runs` counts the recordings that it drove in, and
+    `of_bound` averages over those whose bound is known. `paired` compares the two controllers of
+    each recording; see `paired`. `seed` draws the resamples.
     """
     return {
         "schema": SCHEMA,
@@ -108,6 +109,9 @@ def _average(runs: Sequence[RunJson], controller: str) -> dict[str, Any]:
         statistics = [side[front_end] for side in sides if front_end in side]
         if statistics:
             averages[front_end] = {key: _mean(statistics, key) for key in statistics[0]}
+    near = [side["of_bound"] for side in sides if "of_bound" in side]
+    if near:
+        averages["of_bound"] = {key: _mean(near, key) for key in near[0]} | {"runs": len(near)}
     return {**averages, "runs": sum(1 for run in driven if run)}
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.types import SIDES, Pair, PairRecord, Side
+from rig.evaluation.ceiling import Ceiling, Shares
 from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
 from rig.evaluation.odometry import Odometry, mean_inlier_pct, processed_pct
 from rig.evaluation.segments import KINDS, Kind, Segment, kinds_by_row, light_level, segments
@@ -107,7 +108,8 @@ class Summary:
     """A run's header, its columns, and what they come to; `segments` are of rows.
 
     `left` is the race's first controller: it drives the primary camera, or the secondary when
-    the run was swapped; `left_side` says which.
+    the run was swapped; `left_side` says which. `ceiling` is the best that any controller could
+    have done, where it is known.
     """
 
     header: RunHeader
@@ -116,6 +118,7 @@ class Summary:
     left_side: Side
     left: SideSummary
     right: SideSummary
+    ceiling: Ceiling | None = None
 
     @property
     def drops(self) -> dict[str, int]:
@@ -135,9 +138,18 @@ class Summary:
         """Return which camera the `left` or `right` controller drove."""
         return self.left_side if side == "left" else other(self.left_side)
 
+    def of_ceiling(self, side: RaceSide) -> Shares | None:
+        """Return which share of the ceiling a side reached; None where that is not known."""
+        told = self.left if side == "left" else self.right
+        if self.ceiling is None or "orb" not in told.inliers:
+            return None
+        return self.ceiling.shares(told.inliers["orb"])
+
     def as_json(self) -> dict[str, Any]:
         """Return the content of summary.json (schema rig.summary/1)."""
         header = self.header
+        shares = {side: self.of_ceiling(side) for side in RACE_SIDES}
+        near = {side: {"of_bound": share} if share else {} for side, share in shares.items()}
         return {
             "schema": SCHEMA,
             "command": header.command,
@@ -148,8 +160,9 @@ class Summary:
             "frames": len(self.series),
             "pairs_complete": self.pairs_complete,
             "drops": self.drops,
-            "left": self.left.as_json(),
-            "right": self.right.as_json(),
+            **({"bound": asdict(self.ceiling)} if self.ceiling else {}),
+            "left": self.left.as_json() | near["left"],
+            "right": self.right.as_json() | near["right"],
         }
 
 

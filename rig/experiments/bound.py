@@ -4,6 +4,9 @@ Every setting of a grid is tried at every pose, and the inliers of every move be
 from one pose to the next are counted with the recipe that judges races. Moves are pruned to
 neighbours: see `Reach`. A path through the drive is then chosen in hindsight, another one for each
 figure, so no controller on the grid does better, and one that ties both figures need not exist.
+
+Such a path knows the noise of the very pictures that it is counted on. So it is driven again in
+other noise: what is left is what it owes to the future alone (`Replayed`).
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, partial
 from importlib.metadata import version
@@ -37,6 +40,7 @@ RECIPE = "1"
 DB_PER_STOP = 20 * math.log10(2)
 
 _NO_MOVE = -1
+_DRAWS = 5
 _PAIRS_A_PIECE = 5
 _SMALLEST_GRID = (10, 4)
 _OF_THE_DRIVE_ONLY = ("decision_ms", "latency_frames")
@@ -67,6 +71,18 @@ class Constant:
 
 
 @dataclass(frozen=True, slots=True)
+class Replayed:
+    """What the two paths have in other noise, each its own figure: means over five draws.
+
+    A controller cannot know the noise, so what it could reach lies between this and the bound:
+    below the bound, and above this where another path has more that is no luck.
+    """
+
+    median: float
+    min: float
+
+
+@dataclass(frozen=True, slots=True)
 class Bound:
     """The best median and the best minimum of inliers that any path over the grid has.
 
@@ -78,6 +94,7 @@ class Bound:
     best_median: int
     best_min: int
     best_constant: Constant
+    replayed: Replayed
     reach: Reach
     pairs: int
     world_version: str
@@ -120,7 +137,7 @@ def find_bound(
         done[start] = counts
         report(sum(map(len, done.values())), triggers - 1 - first)
     moves = np.concatenate([done[start] for start in starts])
-    found = _bound_of(moves, settings_grid(*grid), source, len(moves))
+    found = _bound_of(moves, settings_grid(*grid), source)
     if frames is None:
         _remember(found)
     return found
@@ -135,8 +152,9 @@ def known_bound(cameras: str, world_version: str) -> Bound | None:
         values = json.loads(_memory(cameras, world_version).read_text(encoding="utf-8"))
         constant = values.pop("best_constant")
         best = Constant(Settings(**constant.pop("settings")), **constant)
-        reach, grid = Reach(**values.pop("reach")), tuple(values.pop("grid"))
-        return Bound(**values, best_constant=best, reach=reach, grid=grid)
+        replayed, reach = Replayed(**values.pop("replayed")), Reach(**values.pop("reach"))
+        grid = tuple(values.pop("grid"))
+        return Bound(**values, best_constant=best, replayed=replayed, reach=reach, grid=grid)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -164,11 +182,38 @@ def highest_median(moves: Counts) -> int:
 
 def most_at_least(moves: Counts, m: int) -> int:
     """Return the largest number of counts of at least `m` that one path has."""
-    reached = np.where(moves == _NO_MOVE, -np.inf, (moves >= m).astype(float))
     best = np.zeros(moves.shape[1])
-    for here in reached:
+    for here in _worths(moves, moves >= m):
         best = (best[:, None] + here).max(0)
     return int(best.max())
+
+
+def median_path(moves: Counts, m: int) -> list[int]:
+    """Return the cells of the path with the most counts of at least `m`, then the largest sum."""
+    small = 1 / (1 + len(moves) * int(moves.max()))
+    return _richest_path(_worths(moves, (moves >= m) + small * moves))
+
+
+def minimum_path(moves: Counts, floor: int) -> list[int]:
+    """Return the cells of the path without a count below `floor` that has the largest sum."""
+    return _richest_path(np.where(moves < floor, -np.inf, moves.astype(float)))
+
+
+def _worths(moves: Counts, worth: NDArray[np.generic]) -> NDArray[np.float64]:
+    return np.where(moves == _NO_MOVE, -np.inf, worth.astype(float))
+
+
+def _richest_path(worths: NDArray[np.float64]) -> list[int]:
+    """Return the cells, one more than moves, whose moves are worth most together."""
+    total, came_from = np.zeros(worths.shape[1]), []
+    for here in worths:
+        sums = total[:, None] + here
+        came_from.append(sums.argmax(0))
+        total = sums.max(0)
+    path = [int(total.argmax())]
+    for before in reversed(came_from):
+        path.append(int(before[path[-1]]))
+    return path[::-1]
 
 
 def best_constant(moves: Counts, grid: SettingsGrid) -> Constant:
@@ -191,17 +236,28 @@ def allowed_moves(grid: SettingsGrid, reach: Reach) -> NDArray[np.bool_]:
     return np.asarray(np.all(near, axis=0))
 
 
-def _bound_of(moves: Counts, grid: SettingsGrid, source: SimulatedSource, pairs: int) -> Bound:
+def _bound_of(moves: Counts, grid: SettingsGrid, source: SimulatedSource) -> Bound:
+    best_median, best_min = highest_median(moves), highest_minimum(moves)
+    paths = median_path(moves, best_median), minimum_path(moves, best_min)
+    medians, minima = (_in_other_noise(source.address, grid, path) for path in paths)
     return Bound(
         cameras=source.address,
         grid=grid.shape,
-        best_median=highest_median(moves),
-        best_min=highest_minimum(moves),
+        best_median=best_median,
+        best_min=best_min,
         best_constant=best_constant(moves, grid),
+        replayed=Replayed(float(np.median(medians, 1).mean()), float(minima.min(1).mean())),
         reach=Reach(),
-        pairs=pairs,
+        pairs=len(moves),
         world_version=source.world_version,
     )
+
+
+def _in_other_noise(cameras: str, grid: SettingsGrid, path: Sequence[int]) -> Counts:
+    """Return the inliers of a path, draws x pairs, in noise that no cell of the grid had."""
+    columns, cells = grid.shape[1], math.prod(grid.shape)
+    settings = [grid.settings(divmod(cell, columns)) for cell in path]
+    return _bench(cameras).play(WARM_UP_PAIRS - 1, settings, range(cells, cells + _DRAWS))
 
 
 def _simulated(cameras: str, seed: int) -> SimulatedSource:

@@ -68,17 +68,6 @@ class Bench:
         """Return the version of the world that the camera looks at."""
         return self._scene.world_version
 
-    def picture(self, frame: int, settings: Settings, noise_seed: int) -> NDArray[np.uint8]:
-        """Return the Bayer picture of one frame taken with `settings`."""
-        view = self._scene.view("primary", frame / self._rate_hz)
-        radiance = view.exposed(settings.exposure_us)
-        return self._sensor.develop(radiance, settings, noise_seed)
-
-    def features(self, frame: int, settings: Settings, noise_seed: int) -> OrbFeatures:
-        """Return the ORB features of one frame taken with `settings`."""
-        picture = self.picture(frame, settings, noise_seed)
-        return self._front_end.features(to_grey(picture, "bayer_rggb8"))
-
     def settings_map(self, pair: int, grid: SettingsGrid) -> Counts:
         """Return the inliers between frames `pair` and `pair` + 1 for every cell of the grid.
 
@@ -109,21 +98,35 @@ class Bench:
             radiance = view.exposed(exposure_us)
             for gain_db in grid.gains_db:
                 seed = frame * _CELLS_A_FRAME + len(found)
-                picture = self._sensor.develop(radiance, Settings(exposure_us, gain_db), seed)
-                found.append(self._front_end.features(to_grey(picture, "bayer_rggb8")))
+                found.append(self._features(radiance, Settings(exposure_us, gain_db), seed))
         return found
 
-    def play(self, first: int, path: Sequence[Settings]) -> Counts:
-        """Return the inliers between consecutive frames, `path[k]` used at frame `first` + k."""
-        inliers = []
-        before: OrbFeatures | None = None
-        for k, settings in enumerate(path):
-            frame = first + k
-            after = self.features(frame, settings, frame * _CELLS_A_FRAME)
-            if before is not None:
-                inliers.append(self._front_end.match(before, after).inliers)
+    def play(self, first: int, path: Sequence[Settings], noises: Sequence[int] = (0,)) -> Counts:
+        """Return the inliers between consecutive frames, one row of pairs for each of `noises`.
+
+        `path[k]` is used at frame `first` + k. Noises from 0 to 4095 are draws of their own; those
+        below the size of a grid are the ones in which its cells were counted.
+        """
+        rows: list[list[int]] = [[] for _ in noises]
+        before: list[OrbFeatures] = []
+        for frame, settings in enumerate(path, first):
+            after = self._draws(frame, settings, noises)
+            for row, a, b in zip(rows, before, after, strict=False):
+                row.append(self.inliers(a, b))
             before = after
-        return np.array(inliers, np.int64)
+        return np.array(rows, np.int64)
+
+    def _draws(self, frame: int, settings: Settings, noises: Sequence[int]) -> list[OrbFeatures]:
+        view = self._scene.view("primary", frame / self._rate_hz)
+        radiance = view.exposed(settings.exposure_us)
+        seeds = [frame * _CELLS_A_FRAME + noise for noise in noises]
+        return [self._features(radiance, settings, seed) for seed in seeds]
+
+    def _features(
+        self, radiance: NDArray[np.float32], settings: Settings, noise_seed: int
+    ) -> OrbFeatures:
+        picture = self._sensor.develop(radiance, settings, noise_seed)
+        return self._front_end.features(to_grey(picture, "bayer_rggb8"))
 
 
 def best_fixed(maps: Counts) -> tuple[tuple[int, int], int]:

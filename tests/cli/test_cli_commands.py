@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +12,9 @@ import numpy as np
 import pytest
 
 from rig.cli.main import run
+from rig.core.types import Settings
+from rig.experiments import bound
+from rig.experiments.bound import Bound, Constant, Reach, Replayed
 from rig.record.reader import open_recording
 
 
@@ -192,6 +197,47 @@ def test_report_writes_the_page_anew(race_folder: Path, capsys: pytest.CaptureFi
     assert code == 0
     assert page.read_bytes() == before
     assert out.rstrip().endswith(f"report: {page}")
+
+
+def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(
+    race_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(bound, "cache_folder", lambda: tmp_path / "cache")
+    told = json.loads((race_folder / "summary.json").read_text())
+    assert "bound" not in told and "of_bound" not in told["left"]
+    folder = tmp_path / "run"
+    shutil.copytree(race_folder, folder)
+    best = Bound(
+        cameras=told["cameras"],
+        grid=(10, 5),
+        best_median=800,
+        best_min=0,
+        best_constant=Constant(Settings(1000.0, 0.0), 1.0, 0),
+        replayed=Replayed(790.0, 0.0),
+        reach=Reach(),
+        pairs=4,
+        world_version=told["world_version"],
+    )
+    bound._remember(best)
+    code, out, _ = said(capsys, "report", folder)
+    assert code == 0
+    assert "a median of 800 and a minimum of 0" in out
+    near = json.loads((folder / "summary.json").read_text())
+    assert near["bound"] == {"best_median": 800, "best_min": 0}
+    share = near["left"]["of_bound"]
+    assert share == {"median_pct": near["left"]["orb"]["median"] / 8, "min_pct": None}
+    assert f"{share['median_pct']:.0f} % of the median" in (folder / "report.html").read_text()
+    code, out, _ = said(capsys, "evaluate", folder, "--json")
+    means = json.loads(out)["by_controller"]
+    assert means["aeag"]["of_bound"] == share | {"runs": 1}
+    _, out, _ = said(capsys, "evaluate", folder, "--json", "--front-end", "orb:features=900")
+    assert "of_bound" not in json.loads(out)["by_controller"]["aeag"]
+    bound._remember(replace(best, pairs=5))
+    said(capsys, "report", folder)
+    assert "bound" not in json.loads((folder / "summary.json").read_text()), "not the whole drive"
 
 
 def test_collect_to_targets(

@@ -19,11 +19,13 @@ from rig.experiments.bound import (
     highest_median,
     highest_minimum,
     known_bound,
+    median_path,
+    minimum_path,
     most_at_least,
 )
 from rig.experiments.sweeps import Counts, settings_grid
 
-SMALL = "sim:wall?split=train&size=160x120"
+SMALL = "sim:tunnel?split=train&size=320x240"
 
 
 def random_moves(seed: int, pairs: int = 5, cells: int = 4) -> Counts:
@@ -51,6 +53,23 @@ def test_no_path_does_better_and_one_does_as_well(seed: int) -> None:
     assert highest_median(moves) == max(sorted(path)[len(path) // 2] for path in paths)
     reached = max(sum(count >= 12 for count in path) for path in paths)
     assert most_at_least(moves, 12) == reached
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_paths_are_those_that_reach_the_bound_and_then_have_the_most(seed: int) -> None:
+    moves = random_moves(seed)
+    paths = every_path(moves)
+    m, floor = highest_median(moves), highest_minimum(moves)
+
+    def counts(path: list[int]) -> list[int]:
+        return [int(here[a, b]) for here, (a, b) in zip(moves, pairwise(path), strict=True)]
+
+    reached = counts(median_path(moves, m))
+    most = max((sum(n >= m for n in path), sum(path)) for path in paths)
+    assert (sum(n >= m for n in reached), sum(reached)) == most
+    safe = counts(minimum_path(moves, floor))
+    assert min(safe) == floor
+    assert sum(safe) == max(sum(path) for path in paths if min(path) >= floor)
 
 
 def test_half_of_an_even_number_of_counts_is_enough_for_the_median() -> None:
@@ -89,6 +108,8 @@ def test_a_drive_has_a_bound_that_no_constant_beats_and_that_is_remembered(
     assert found.grid == (10, 5)
     assert found.best_median >= found.best_constant.median
     assert found.best_min >= found.best_constant.min
+    assert 0.5 * found.best_min < found.replayed.min <= found.best_min
+    assert 0.5 * found.best_median < found.replayed.median <= found.best_median
     assert known_bound(found.cameras, found.world_version) is None, "not the whole drive"
     bound._remember(found)
     assert known_bound(found.cameras, found.world_version) == found

@@ -37,6 +37,15 @@ def test_a_control_run_is_one_run_of_its_controller() -> None:
     assert list(document["paired"]) == ["aeag vs aeag"]
 
 
+def test_shares_of_the_bound_are_averaged_over_the_runs_that_know_it() -> None:
+    runs = [run("ours", (600, 100), "aeag", (500, 50)) for _ in range(3)]
+    for told, median_pct in zip(runs, (80.0, 90.0), strict=False):
+        told["left"]["of_bound"] = {"median_pct": median_pct, "min_pct": None}
+    means = aggregate(runs)["by_controller"]
+    assert means["ours"]["of_bound"] == {"median_pct": 85.0, "min_pct": None, "runs": 2}
+    assert "of_bound" not in means["aeag"]
+
+
 def test_control_runs_compare_left_with_right_in_every_run() -> None:
     runs = [run("aeag", (600, 100), "aeag", (500, 50)) for _ in range(3)]
     paired = aggregate(runs)["paired"]["aeag vs aeag"]

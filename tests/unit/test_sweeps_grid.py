@@ -43,6 +43,10 @@ def test_a_played_path_counts_the_inliers_between_its_frames() -> None:
     scene = open_world("tunnel", seed=0, split="test", width_px=320, height_px=240, speed_mps=13.9)
     bench = Bench(scene)
     day, night = Settings(500.0, 7.5), Settings(75.0, 0.0)
-    seen = bench.play(100, [day, day, night])
+    (seen,) = bench.play(100, [day, day, night])
     assert seen[0] > 100
     assert seen[1] < 20
+    again, other = bench.play(100, [day, day, night], noises=(0, 50))
+    assert list(again) == list(seen)
+    assert other[0] != seen[0]
+    assert abs(other[0] - seen[0]) < 0.3 * seen[0]

@@ -15,7 +15,7 @@ from rig.evaluation.report.internals import spoken
 from rig.evaluation.report.moments import MOST_LINES, Moment, moments
 from rig.evaluation.report.scatter import scatter
 from rig.evaluation.report.tiles import tiles
-from rig.evaluation.report.verdict import verdict
+from rig.evaluation.report.verdict import nearness, verdict
 from rig.evaluation.report.ways import ways
 from rig.evaluation.report.wording import FRONT_END_NAMES, data, labels, options, significant
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, counted, spread
@@ -87,6 +87,7 @@ def _what(summary: Summary, shown: Sequence[Moment]) -> dict[str, Any]:
     pictures = [picture for moment in shown for picture in (moment.left, moment.right)]
     return {
         "verdict": verdict(summary),
+        "nearness": nearness(summary),
         "tiles": tiles(summary),
         "counted": len(counted(series.trigger, summary.camera("left").inliers["orb"])),
         "parts": _parts(summary),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rig.evaluation.report.wording import labels, number
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, InlierStatistics
 from rig.evaluation.summary import Summary
@@ -45,3 +47,23 @@ def _blindness(left: str, a: InlierStatistics, right: str, b: InlierStatistics) 
     if a.blind_frames == b.blind_frames == 0:
         return f"Neither was ever blind ({limit})."
     return f"Blind pictures ({limit}): {left} {a.blind_frames}, {right} {b.blind_frames}."
+
+
+def nearness(summary: Summary) -> str | None:
+    """Return which share of the bound both reached, in a sentence; None where it is not known."""
+    left, right = summary.of_ceiling("left"), summary.of_ceiling("right")
+    if summary.ceiling is None or left is None or right is None:
+        return None
+    left_label, right_label = labels(summary.left.controller, summary.right.controller)
+    best = summary.ceiling
+    return (
+        f"The best paths that know the future (rig bound) have a median of {best.best_median} and "
+        f"a minimum of {best.best_min} ORB inliers: {left_label} reached {shares_text(left)}, "
+        f"{right_label} {shares_text(right)}."
+    )
+
+
+def shares_text(shares: Mapping[str, float | None]) -> str:
+    """Return shares of the bound as words."""
+    median, least = (number(shares[key], 0) for key in ("median_pct", "min_pct"))
+    return f"{median} % of the median and {least} % of the minimum"
