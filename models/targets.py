@@ -6,8 +6,10 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from rig.core.errors import RecordingError, UsageError
 from rig.core.types import PairRecord
 from rig.models.measuring import Stretch, stretches
 from rig.models.metrics import TargetMetric, Window, find_metric
+from rig.models.spool import Spool
 from rig.record.reader import Recording, open_recording
 
 SCHEMA = "rig.targets/1"
@@ -129,11 +132,12 @@ def make_targets(
     alpha: float = 0.5,
     progress: Progress | None = None,
     workers: Workers = ALONE,
+    folder: Path | None = None,
 ) -> Targets:
     """Find the targets of every pose of the recordings that has a pose after it.
 
     A lost frame ends a drive and the next complete pair begins another: no window and no input
-    reaches across. Raises UsageError for an unknown metric or a bad window, RecordingError for a
+    reaches across. The pictures, 0.3 MB a pose of a pair, wait in a file in `folder`. Raises UsageError for an unknown metric or a bad window, RecordingError for a
     recording with nothing to learn from.
     """
     find_metric(metric), Window(window, alpha)
@@ -144,18 +148,17 @@ def make_targets(
     tasks = {str(path): path for path in recordings}
     if len(tasks) < len(recordings):
         raise UsageError("a recording is named twice: its poses would count twice")
-    found: dict[str, _Found] = {}
-    for name, each in run_tasks(work, tasks, workers):
-        found[name] = each
-        if progress is not None and watch is None:
-            progress(each.source.name, len(found), len(tasks))
-    return Targets(
-        metric,
-        window,
-        alpha,
-        tuple(found[name].source for name in tasks),
-        _joined([found[name] for name in tasks]),
-    )
+    kept: list[_Found] = []
+    waiting: dict[str, _Found] = {}
+    with closing(Spool(folder)) as spool:
+        for done, (name, each) in enumerate(run_tasks(work, tasks, workers), start=1):
+            waiting[name] = each
+            for due in takewhile(waiting.__contains__, list(tasks)[len(kept) :]):
+                kept.append(_spooled(waiting.pop(due), spool))
+            if progress is not None and watch is None:
+                progress(each.source.name, done, len(tasks))
+        poses = _joined(kept, spool)
+    return Targets(metric, window, alpha, tuple(each.source for each in kept), poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,10 +189,17 @@ def _found_in(
     return _Found(source, drives)
 
 
-def _joined(found: Sequence[_Found]) -> Poses:
+def _spooled(found: _Found, spool: Spool) -> _Found:
+    """Put the pictures of a recording into the spool and keep one of each drive's poses."""
+    for poses in found.drives:
+        spool.append(poses.images)
+    return replace(found, drives=[replace(p, images=p.images[:1].copy()) for p in found.drives])
+
+
+def _joined(found: Sequence[_Found], spool: Spool) -> Poses:
     """Put the poses of all recordings behind each other, recordings and drives counted on.
 
-    Raises UsageError when some have more pictures a pose than others.
+    Their pictures are those of the spool. Raises UsageError when some have more pictures a pose than others.
     """
     counts = {each.source.name: each.drives[0].images.shape[1] for each in found}
     if len(set(counts.values())) > 1:
@@ -209,12 +219,9 @@ def _joined(found: Sequence[_Found]) -> Poses:
             )
             for poses in each.drives
         ]
-    return Poses(
-        **{
-            field.name: np.concatenate([getattr(drive, field.name) for drive in drives])
-            for field in fields(Poses)
-        }
-    )
+    names = [field.name for field in fields(Poses) if field.name != "images"]
+    joined = {name: np.concatenate([getattr(drive, name) for drive in drives]) for name in names}
+    return Poses(images=spool.pictures(*drives[0].images.shape[1:]), **joined)
 
 
 def _source(recording: Recording, path: Path) -> RecordingSource:

@@ -65,6 +65,7 @@ def targets(
         return _paths(_worlds(simulated, seeds), out, frames, processes, terminal)
     if seeds is not None or frames is not None or processes is not None:
         raise UsageError("--seeds, --frames and --processes go with simulated cameras only")
+    out.parent.mkdir(parents=True, exist_ok=True)
     with terminal.progress("targets", None) as advance:
         found = make_targets(
             [Path(name) for name in recordings],
@@ -73,6 +74,7 @@ def targets(
             alpha,
             lambda _, done, total: advance(done, total),
             Workers(workers, dask) if len(recordings) > 1 or dask else ALONE,
+            folder=out.parent,
         )
     found.save(out)
     count = len(found.poses)

@@ -1,8 +1,9 @@
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from synthetic_targets import make_targets_file
 
 from rig.core.errors import RecordingError, UsageError
 from rig.core.types import Frame, Truth
+from rig.models import targets
 from rig.models.measuring import stretches
 from rig.models.metrics import find_metric
 from rig.models.posing import LOST_DEG, pose_error_deg, true_motion
@@ -148,6 +150,27 @@ def test_two_recordings_are_told_apart(recording: Path, tmp_path: Path) -> None:
     assert seen[-1] == ("other", 4, 4)
 
 
+def test_recordings_that_finish_in_another_order_give_the_same_bytes(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = [
+        _record(tmp_path / f"other-{k}", SyntheticRun(triggers=4, seed=k, cameras=CAMERAS))
+        for k in (7, 8)
+    ]
+    recordings = [recording, *others]
+    make_targets(recordings, "feat", 2).save(tmp_path / "one.npz")
+
+    def last_first(work: Any, tasks: dict[str, Path], _: object) -> Iterator[tuple[str, Any]]:
+        for name in reversed(tasks):
+            yield name, work(tasks[name])
+
+    monkeypatch.setattr(targets, "run_tasks", last_first)
+    late = make_targets(recordings, "feat", 2, folder=tmp_path)
+    assert isinstance(late.poses.images.base, np.memmap), "the pictures are not held in memory"
+    late.save(tmp_path / "two.npz")
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+
+
 @dataclass
 class _Sweep(SyntheticRun):
     def records(self):  # type: ignore[no-untyped-def]
@@ -235,8 +258,7 @@ def test_files_that_are_no_targets_are_refused(tmp_path: Path) -> None:
 
 
 def test_compressed_pictures_are_refused_not_misread(tmp_path: Path) -> None:
-    targets = make_targets_file(0, count=3)
-    targets.save(tmp_path / "plain.npz")
+    make_targets_file(0, count=3).save(tmp_path / "plain.npz")
     with np.load(tmp_path / "plain.npz") as plain:
         np.savez_compressed(tmp_path / "small.npz", **plain)
     with pytest.raises(RecordingError, match="not stored as plain uint8"):
