@@ -430,11 +430,3 @@ def read_limits(nodes: NodeMap, kind: CameraType) -> Limits:
     gain = kind.resolve(nodes, "Gain")
     assert exposure is not None and gain is not None
     return Limits(nodes.bounds(exposure), nodes.bounds(gain))
-
-
-Role = Literal["primary", "secondary"]
-
-
-def role_steps(role: Role) -> Iterator[Step]:
-    """Yield what tells a camera its part in the pair."""
-    return primary_steps() if role == "primary" else secondary_steps()

@@ -91,11 +91,6 @@ class ArmedCamera:
         """Return how far the camera's times may be off the computer's; 0 where it has none."""
         return self._fit.error_ns if self._fit is not None else 0
 
-    @property
-    def late_frames(self) -> int:
-        """Return how many frames were not taken with the settings asked for."""
-        return self._late
-
     def configure(self, setup: blackfly.Setup, packet_bytes: int | None) -> None:
         """Bring the camera into a known state."""
         nodes = self._opened.nodes

@@ -66,10 +66,6 @@ class Guard:
             return "no valid token"
         return ""
 
-    def is_token(self, words: str) -> bool:
-        """Return whether `words` is the token."""
-        return self._is_token(words)
-
     def _cookie_of(self, headers: Mapping[str, str]) -> str:
         try:
             cookie = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
