@@ -75,13 +75,15 @@ Digest of the drives: `{result.training_sha256}`"""
 def _described(source: DriveSource) -> str:
     test = "split=test" in source.cameras
     warning = " **A test world: results on test worlds prove nothing.**" if test else ""
-    return f"- `{source.cameras}`, {source.world_version}, sha256 `{source.sha256}`.{warning}"
+    where = f"`{source.cameras}`, {source.world_version}, {source.poses} poses"
+    return f"- {where}, sha256 `{source.sha256}`.{warning}"
 
 
 def _remake(result: PathTrainingResult) -> str:
     recipe = result.recipe
-    names = [*result.split.training, *result.split.held_back]
-    cameras = " ".join(shlex.quote(source.cameras) for source in names)
+    sources = [*result.split.training, *result.split.held_back]
+    files = {poses: f"paths-{poses}.npz" for poses in sorted({each.poses for each in sources})}
+    targets = "\n".join(_targets(sources, poses, file) for poses, file in files.items())
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     half = "--half " if result.half else ""
     if len(result.members) > 1:
@@ -90,10 +92,16 @@ def _remake(result: PathTrainingResult) -> str:
     return f"""## Made with
 
 ```sh
-rig targets {cameras} --metric path --out paths.npz
-rig train --net {result.net} paths.npz --seed {recipe.seed} {steps} \
+{targets}
+rig train --net {result.net} {" ".join(files.values())} --seed {recipe.seed} {steps} \
 --batch-size {recipe.batch_size} {half}{held_back}--out {shlex.quote(result.model.name)}
 ```"""
+
+
+def _targets(sources: Sequence[DriveSource], poses: int, file: str) -> str:
+    """Return the command that makes a file of all drives with so many poses."""
+    cameras = " ".join(shlex.quote(each.cameras) for each in sources if each.poses == poses)
+    return f"rig targets {cameras} --metric path --frames {poses} --out {file}"
 
 
 def _stages(result: PathTrainingResult) -> str:

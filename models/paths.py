@@ -26,12 +26,16 @@ SCHEMA = "rig.paths/2"
 
 @dataclass(frozen=True, slots=True)
 class DriveSource:
-    """Where one drive came from; `sha256` is of its pictures and counts."""
+    """Where one drive came from and how many poses it has.
+
+    `sha256` is of its pictures and counts.
+    """
 
     name: str
     sha256: str
     cameras: str
     world_version: str
+    poses: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +117,8 @@ def _source(drive: SeenDrive) -> DriveSource:
     digest.update(np.ascontiguousarray(drive.moves).data)
     digest.update(np.ascontiguousarray(drive.steady).data)
     name = drive.cameras.removeprefix("sim:")
-    return DriveSource(name, digest.hexdigest(), drive.cameras, drive.world_version)
+    poses = len(drive.thumbnails)
+    return DriveSource(name, digest.hexdigest(), drive.cameras, drive.world_version, poses)
 
 
 def _load(path: Path) -> PathTargets:

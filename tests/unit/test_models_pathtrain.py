@@ -22,6 +22,7 @@ from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
 from rig.models.rollout import Journey, Trip, roll_out
 from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
+from rig.models.seen import SeenDrive
 from rig.models.values import Utility, move_values, move_worth
 
 QUICK = PathRecipe(
@@ -34,12 +35,14 @@ QUICK = PathRecipe(
 )
 
 
+def source(drive: SeenDrive) -> DriveSource:
+    name, poses = drive.cameras.removeprefix("sim:"), len(drive.thumbnails)
+    return DriveSource(name, "0", drive.cameras, drive.world_version, poses)
+
+
 def save(path: Path, seeds: range) -> Path:
     drives = tuple(make_drive(seed) for seed in seeds)
-    sources = tuple(
-        DriveSource(f"tunnel?seed={seed}", f"{seed}", drive.cameras, drive.world_version)
-        for seed, drive in zip(seeds, drives, strict=True)
-    )
+    sources = tuple(map(source, drives))
     PathTargets(GRID, drives, sources).save(path)
     return path
 
@@ -207,6 +210,18 @@ def test_the_file_drives_as_the_network_does(trained: Path) -> None:
         *late,
     ):
         assert words in card
+
+
+def test_the_card_makes_drives_of_other_lengths_by_other_commands(tmp_path: Path) -> None:
+    short = make_drive(0, poses=30)
+    whole = save(tmp_path / "long.npz", range(1, 3))
+    PathTargets(GRID, (short,), (source(short),)).save(tmp_path / "short.npz")
+    result = train_paths([whole, tmp_path / "short.npz"], "map-small", tmp_path / "m.onnx", QUICK)
+    made = result.card.read_text().split("```")[1]
+    assert "'sim:tunnel?seed=0' --metric path --frames 30 --out paths-30.npz" in made
+    assert made.count("sim:tunnel?seed=0'") == 1
+    assert "--frames 40 --out paths-40.npz" in made
+    assert "map-small paths-30.npz paths-40.npz " in made
 
 
 def test_an_interrupted_training_keeps_a_checkpoint_of_its_own(tmp_path: Path) -> None:
