@@ -137,8 +137,9 @@ def make_targets(
     """Find the targets of every pose of the recordings that has a pose after it.
 
     A lost frame ends a drive and the next complete pair begins another: no window and no input
-    reaches across. The pictures, 0.3 MB a pose of a pair, wait in a file in `folder`. Raises UsageError for an unknown metric or a bad window, RecordingError for a
-    recording with nothing to learn from.
+    reaches across. The pictures, 0.3 MB a pose of a pair, wait in a file in `folder`. Raises
+    UsageError for an unknown metric or a bad window, RecordingError for a recording with nothing
+    to learn from.
     """
     find_metric(metric), Window(window, alpha)
     if not recordings:
@@ -199,7 +200,8 @@ def _spooled(found: _Found, spool: Spool) -> _Found:
 def _joined(found: Sequence[_Found], spool: Spool) -> Poses:
     """Put the poses of all recordings behind each other, recordings and drives counted on.
 
-    Their pictures are those of the spool. Raises UsageError when some have more pictures a pose than others.
+    Their pictures are those of the spool. Raises UsageError when some have more pictures a pose
+    than others.
     """
     counts = {each.source.name: each.drives[0].images.shape[1] for each in found}
     if len(set(counts.values())) > 1:
