@@ -68,6 +68,11 @@ class Bench:
         """Return the version of the world that the camera looks at."""
         return self._scene.world_version
 
+    def picture(self, frame: int, settings: Settings, noise_seed: int) -> NDArray[np.uint8]:
+        """Return the Bayer picture of one frame taken with `settings`."""
+        view = self._scene.view("primary", frame / self._rate_hz)
+        return self._sensor.develop(view.exposed(settings.exposure_us), settings, noise_seed)
+
     def settings_map(self, pair: int, grid: SettingsGrid) -> Counts:
         """Return the inliers between frames `pair` and `pair` + 1 for every cell of the grid.
 
