@@ -42,11 +42,13 @@ class Score:
     other_median: float
     other_min: float
 
-    @property
-    def worth(self) -> float:
-        """Return log median and, at 0.3 of it, log minimum; the mean of both front ends."""
-        both = ((self.median, self.min), (self.other_median, self.other_min))
-        return float(np.mean([math.log(m + 1) + 0.3 * math.log(n + 20) for m, n in both]))
+    def worth(self, front_end: str) -> float:
+        """Return log median and, at 0.3 of it, log minimum, in orb, viso2 or the mean of both."""
+        orb, viso2 = (
+            math.log(median + 1) + 0.3 * math.log(least + 20)
+            for median, least in ((self.median, self.min), (self.other_median, self.other_min))
+        )
+        return {"orb": orb, "viso2": viso2, "both": (orb + viso2) / 2}[front_end]
 
 
 @dataclass(frozen=True, slots=True)

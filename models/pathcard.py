@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from rig.models.cars import Score
     from rig.models.pathtrain import PathTrainingResult
 
+_FOR = {
+    "both": "ORB and viso2-style matching alike",
+    "orb": "ORB alone",
+    "viso2": "viso2-style matching alone",
+}
+
 LIMITS = """## Limits
 
 Trained for one simulated camera model, one lens and one aperture: another aperture or sensor moves
@@ -44,7 +50,7 @@ def _title(result: PathTrainingResult) -> str:
 
 {_kind(result)} ({result.parameters:,} parameters): three pictures of {columns} x {rows} \
 cells, brightness and saturation, and their settings in; it scores a grid of settings and gives \
-exposure time and gain of the next frame. Exposure {limits.exposure_us[0]:g} to \
+exposure time and gain of the next frame, for {_FOR[result.recipe.front_end]}. Exposure {limits.exposure_us[0]:g} to \
 {limits.exposure_us[1]:g} us, gain {limits.gain_db[0]:g} to {limits.gain_db[1]:g} dB.
 Licence: {LICENCE}."""
 
@@ -86,6 +92,8 @@ def _remake(result: PathTrainingResult) -> str:
     targets = "\n".join(_targets(sources, poses, file) for poses, file in files.items())
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     half = "--half " if result.half else ""
+    if recipe.front_end != "both":
+        half += f"--front-end {recipe.front_end} "
     if len(result.members) > 1:
         half += f"--members {len(result.members)} "
     steps = " ".join(f"--steps {number}" for number in recipe.steps)

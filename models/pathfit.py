@@ -27,7 +27,7 @@ from rig.models.names import SCORE_MAPS
 from rig.models.rollout import Journey, Trip
 from rig.models.scoremap import FRAMES, TOLD, ScoreMapNetwork
 from rig.models.seen import SeenDrive
-from rig.models.values import Utility, Values, move_values, move_worth
+from rig.models.values import UTILITIES, Utility, Values, move_values, move_worth
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,8 @@ class PathRecipe:
 
     `width` is that of the network. `steps` are the optimiser's steps of each stage; `behaviours`
     and `own_journeys` the journeys through every drive, at random and after each stage, on trips
-    as `chances` has them;
+    as `chances` has them; `utility` is what moves are worth in the lesson, and stages are compared
+    by what they reach in `front_end` (orb, viso2 or both);
     `objective` names one of OBJECTIVES; `temperature` turns values into the probabilities to
     learn; `noise` scales the own journeys' errors, off for every other round.
     """
@@ -54,6 +55,7 @@ class PathRecipe:
     noise: float = 0.25
     weight_decay: float = 1e-2
     utility: Utility = field(default_factory=Utility)
+    front_end: str = "both"
     chances: Chances = field(default_factory=lambda: Chances((0, 1, 2), relit=0.5))
 
 
@@ -63,17 +65,20 @@ def make_recipe(
     steps: Sequence[int] = (),
     learning_rate: float = 2e-3,
     batch_size: int = 256,
+    front_end: str = "both",
 ) -> PathRecipe:
     """Return a recipe with these options; later stages learn at three quarters of the rate.
 
-    `net` is a name of SCORE_MAPS; `steps` are those of each stage, PathRecipe's when empty. Raises
-    UsageError when one is out of range.
+    `net` is a name of SCORE_MAPS, `front_end` of UTILITIES; `steps` are those of each stage,
+    PathRecipe's when empty. Raises UsageError when one is out of range or unknown.
     """
     steps = tuple(steps) or PathRecipe().steps
     if min(steps) < 1 or batch_size < 2:
         raise UsageError("--steps must be at least 1 and --batch-size at least 2")
     if not (math.isfinite(learning_rate) and learning_rate > 0):
         raise UsageError(f"--learning-rate must be above 0, got {learning_rate}")
+    if front_end not in UTILITIES:
+        raise UsageError(f"--front-end must be one of {', '.join(UTILITIES)}, got {front_end}")
     rates = (learning_rate, *(0.75 * learning_rate for _ in steps[1:]))
     return PathRecipe(
         seed=seed,
@@ -81,6 +86,8 @@ def make_recipe(
         steps=steps,
         learning_rates=rates,
         batch_size=batch_size,
+        utility=UTILITIES[front_end],
+        front_end=front_end,
     )
 
 
@@ -210,10 +217,9 @@ class StageResult:
     held_back: tuple[Score, ...]
     late: tuple[Score, ...] = ()
 
-    @property
-    def worth(self) -> float:
+    def worth(self, front_end: str) -> float:
         """Return what stages are compared by: the mean worth of all drives, prompt and late."""
-        return float(np.mean([score.worth for score in (*self.held_back, *self.late)]))
+        return float(np.mean([score.worth(front_end) for score in (*self.held_back, *self.late)]))
 
 
 StageProgress = Callable[[int, int, int, float], None]
@@ -269,7 +275,7 @@ class PathFit:
         latency = max(recipe.chances.latencies)
         late = self._reached(latency) if latency else ()
         self.history.append(StageResult(loss, reached, late))
-        if not reached or self.history[-1].worth > self.history[self.best_stage].worth:
+        if not reached or self._worth(number) > self._worth(self.best_stage):
             self.best_stage = number
         if self.best_stage == number:
             self._best = copy.deepcopy(self.network.state_dict())
@@ -339,6 +345,9 @@ class PathFit:
 
     def _reached(self, latency: int) -> tuple[Score, ...]:
         return tuple(scores(NetworkCars(self.network), self._held_back, self.grid, latency))
+
+    def _worth(self, stage: int) -> float:
+        return self.history[stage].worth(self.recipe.front_end)
 
     def _new_network(self) -> ScoreMapNetwork:
         return ScoreMapNetwork(self.grid, smoothing=self.recipe.smoothing, width=self.recipe.width)

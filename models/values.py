@@ -7,6 +7,7 @@ the best that can follow.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,14 @@ class Utility:
     def of_other(self, inliers: Values) -> Values:
         """Return the utility of each count of the other front end."""
         return _worth(inliers, self.other_weight, self.other_fear, self.other_falloff)
+
+
+UTILITIES: Mapping[str, Utility] = {
+    "both": Utility(),
+    "orb": Utility(other_weight=0.0, other_fear=0.0),
+    "viso2": Utility(log_weight=0.0, fear=0.0, other_weight=0.3),
+}
+"""What moves are worth to whoever looks with this front end, or does not know with which."""
 
 
 def _worth(counts: Values, log_weight: float, fear: float, falloff: float) -> Values:

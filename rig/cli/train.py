@@ -32,6 +32,7 @@ def train(
     hold_back: tuple[str, ...] = (),
     half: bool = False,
     int8: bool = False,
+    front_end: str | None = None,
     seed: int = 0,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
@@ -65,14 +66,16 @@ def train(
         Store the weights in half precision.
     int8:
         Write a second file, .int8.onnx, smaller and faster; not for score maps.
+    front_end:
+        Whose matches a score map is for: orb, viso2 or both, both when absent.
     """
-    given = {"batch_size": batch_size, "learning_rate": learning_rate}
+    given: dict[str, Any] = {"batch_size": batch_size, "learning_rate": learning_rate}
     try:
         if net in SCORE_MAPS:
             _refuse(net, epochs=epochs, patience=patience, search=search, int8=int8 or None)
-            recipe = _map_recipe(net, seed, steps, given)
+            recipe = _map_recipe(net, seed, steps, given | {"front_end": front_end})
             return _train_map(targets, net, out, recipe, members, hold_back, half, terminal)
-        _refuse(net, steps=steps or None, members=members)
+        _refuse(net, steps=steps or None, members=members, front_end=front_end)
         given |= {"epochs": epochs, "patience": patience, "search": search}
         given |= {"half": half, "int8": int8}
         return _train_thesis(targets, net, out, given, seed, hold_back, terminal)
@@ -83,7 +86,7 @@ def train(
 
 
 def _map_recipe(
-    net: str, seed: int, steps: tuple[int, ...], given: Mapping[str, float | None]
+    net: str, seed: int, steps: tuple[int, ...], given: Mapping[str, Any]
 ) -> PathRecipe:
     from rig.models.pathfit import make_recipe
 
@@ -177,7 +180,7 @@ def _train_thesis(
     return OK
 
 
-def _only_given(options: Mapping[str, float | None]) -> dict[str, Any]:
+def _only_given(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 

@@ -91,7 +91,7 @@ def test_it_learns_to_follow_the_light(objective: str) -> None:
 
 def test_a_stage_is_worth_more_for_either_front_end_and_for_its_worst_pair() -> None:
     def worth(*score: float) -> float:
-        return StageResult(1.0, (Score(500.0, 30.0, 350.0, 40.0), Score(*score))).worth
+        return StageResult(1.0, (Score(500.0, 30.0, 350.0, 40.0), Score(*score))).worth("both")
 
     usual = worth(500.0, 30.0, 350.0, 40.0)
     gains = [worth(550, 30, 350, 40), worth(500, 33, 350, 40)]
@@ -99,6 +99,23 @@ def test_a_stage_is_worth_more_for_either_front_end_and_for_its_worst_pair() -> 
     assert min(gains) > usual
     assert worth(500, 60, 350, 40) > worth(550, 30, 350, 40)
     assert worth(500, 30, 350, 80) > worth(500, 30, 385, 40)
+
+
+def test_a_lesson_for_one_front_end_ignores_the_other() -> None:
+    few_or_many = np.array([5.0, 500.0], np.float32)
+    for front_end, cares_for_orb in (("orb", True), ("viso2", False)):
+        recipe = make_recipe("map-small", 0, front_end=front_end)
+        of_orb, of_viso2 = (
+            float(np.ptp(worth(few_or_many)))
+            for worth in (recipe.utility.of, recipe.utility.of_other)
+        )
+        assert (of_orb > 0) is cares_for_orb and (of_viso2 > 0) is not cares_for_orb
+        better_orb = Score(600, 40, 300, 30).worth(front_end)
+        better_viso2 = Score(500, 30, 400, 40).worth(front_end)
+        assert (better_orb > better_viso2) is cares_for_orb
+    assert make_recipe("map-small", 0).utility == Utility()
+    with pytest.raises(UsageError, match="--front-end must be one of both, orb, viso2, got sift"):
+        make_recipe("map-small", 0, front_end="sift")
 
 
 def test_the_answer_lies_around_the_best_cells() -> None:
