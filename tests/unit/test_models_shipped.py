@@ -16,7 +16,7 @@ SHIPPED = shipped_networks()
 
 
 def test_the_networks_that_the_documents_name_are_there() -> None:
-    assert {"ours", "thesis", "thesis-single"} <= set(SHIPPED)
+    assert {"ours", "ours-orb", "ours-viso2", "thesis", "thesis-single"} <= set(SHIPPED)
 
 
 @pytest.mark.parametrize("name", SHIPPED)
