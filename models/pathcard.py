@@ -50,8 +50,9 @@ def _title(result: PathTrainingResult) -> str:
 
 {_kind(result)} ({result.parameters:,} parameters): three pictures of {columns} x {rows} \
 cells, brightness and saturation, and their settings in; it scores a grid of settings and gives \
-exposure time and gain of the next frame, for {_FOR[result.recipe.front_end]}. Exposure {limits.exposure_us[0]:g} to \
-{limits.exposure_us[1]:g} us, gain {limits.gain_db[0]:g} to {limits.gain_db[1]:g} dB.
+exposure time and gain of the next frame, for {_FOR[result.recipe.front_end]}. \
+Exposure {limits.exposure_us[0]:g} to {limits.exposure_us[1]:g} us, gain {limits.gain_db[0]:g} to \
+{limits.gain_db[1]:g} dB.
 Licence: {LICENCE}."""
 
 
