@@ -50,7 +50,7 @@ def _title(result: PathTrainingResult) -> str:
 
 {_kind(result)} ({result.parameters:,} parameters): three pictures of {columns} x {rows} \
 cells, brightness and saturation, and their settings in; it scores a grid of settings and gives \
-exposure time and gain of the next frame, for {_FOR[result.recipe.front_end]}. \
+exposure time and gain of the next frame, for {_FOR[result.recipe.utility.front_end]}. \
 Exposure {limits.exposure_us[0]:g} to {limits.exposure_us[1]:g} us, gain {limits.gain_db[0]:g} to \
 {limits.gain_db[1]:g} dB.
 Licence: {LICENCE}."""
@@ -92,18 +92,18 @@ def _remake(result: PathTrainingResult) -> str:
     files = {poses: f"paths-{poses}.npz" for poses in sorted({each.poses for each in sources})}
     targets = "\n".join(_targets(sources, poses, file) for poses, file in files.items())
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
-    half = "--half " if result.half else ""
-    if recipe.front_end != "both":
-        half += f"--front-end {recipe.front_end} "
+    options = "--half " if result.half else ""
+    if recipe.utility.front_end != "both":
+        options += f"--front-end {recipe.utility.front_end} "
     if len(result.members) > 1:
-        half += f"--members {len(result.members)} "
+        options += f"--members {len(result.members)} "
     steps = " ".join(f"--steps {number}" for number in recipe.steps)
     return f"""## Made with
 
 ```sh
 {targets}
 rig train --net {result.net} {" ".join(files.values())} --seed {recipe.seed} {steps} \
---batch-size {recipe.batch_size} {half}{held_back}--out {shlex.quote(result.model.name)}
+--batch-size {recipe.batch_size} {options}{held_back}--out {shlex.quote(result.model.name)}
 ```"""
 
 

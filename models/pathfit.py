@@ -37,7 +37,7 @@ class PathRecipe:
     `width` is that of the network. `steps` are the optimiser's steps of each stage; `behaviours`
     and `own_journeys` the journeys through every drive, at random and after each stage, on trips
     as `chances` has them; `utility` is what moves are worth in the lesson, and stages are compared
-    by what they reach in `front_end` (orb, viso2 or both);
+    by what they reach in the front ends that it cares for;
     `objective` names one of OBJECTIVES; `temperature` turns values into the probabilities to
     learn; `noise` scales the own journeys' errors, off for every other round.
     """
@@ -55,7 +55,6 @@ class PathRecipe:
     noise: float = 0.25
     weight_decay: float = 1e-2
     utility: Utility = field(default_factory=Utility)
-    front_end: str = "both"
     chances: Chances = field(default_factory=lambda: Chances((0, 1, 2), relit=0.5))
 
 
@@ -87,7 +86,6 @@ def make_recipe(
         learning_rates=rates,
         batch_size=batch_size,
         utility=UTILITIES[front_end],
-        front_end=front_end,
     )
 
 
@@ -347,7 +345,7 @@ class PathFit:
         return tuple(scores(NetworkCars(self.network), self._held_back, self.grid, latency))
 
     def _worth(self, stage: int) -> float:
-        return self.history[stage].worth(self.recipe.front_end)
+        return self.history[stage].worth(self.recipe.utility.front_end)
 
     def _new_network(self) -> ScoreMapNetwork:
         return ScoreMapNetwork(self.grid, smoothing=self.recipe.smoothing, width=self.recipe.width)

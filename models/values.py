@@ -47,6 +47,13 @@ class Utility:
         if not 0 <= self.discount < 1:
             raise UsageError(f"the discount must be in [0, 1), got {self.discount}")
 
+    @property
+    def front_end(self) -> str:
+        """Return whose matches are worth anything: a name of UTILITIES."""
+        if not (self.other_weight or self.other_fear):
+            return "orb"
+        return "both" if self.log_weight or self.fear else "viso2"
+
     def of(self, matches: Values) -> Values:
         """Return the utility of each count."""
         return _worth(matches, self.log_weight, self.fear, self.fear_falloff)

@@ -67,7 +67,7 @@ def train(
     int8:
         Write a second file, .int8.onnx, smaller and faster; not for score maps.
     front_end:
-        Whose matches a score map is for: orb, viso2 or both, both when absent.
+        Whose matches a score map is for: orb, viso2 or both; both when absent.
     """
     given: dict[str, Any] = {"batch_size": batch_size, "learning_rate": learning_rate}
     try:

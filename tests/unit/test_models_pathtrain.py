@@ -23,7 +23,7 @@ from rig.models.pathtrain import train_paths
 from rig.models.rollout import Journey, Trip, roll_out
 from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
 from rig.models.seen import SeenDrive
-from rig.models.values import Utility, move_values, move_worth
+from rig.models.values import UTILITIES, Utility, move_values, move_worth
 
 QUICK = PathRecipe(
     steps=(120, 40),
@@ -59,11 +59,13 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Path) -> None:
     quick = replace(QUICK, steps=(4,), learning_rates=(5e-3,), behaviours=1)
+    quick = replace(quick, utility=UTILITIES["viso2"])
     paths = [save(tmp_path / "paths.npz", range(3))]
     result = train_paths(paths, "map-small", tmp_path / "two.onnx", quick, members=2)
     assert [member.seed for member in result.members] == [0, 1]
     assert result.parity.difference < 1e-5 and len(result.together) == 1
-    assert "--members 2" in result.card.read_text()
+    card = result.card.read_text()
+    assert "--front-end viso2 --members 2" in card and "for viso2-style matching alone" in card
     with torch.inference_mode():
         networks = [ScoreMapNetwork(GRID).eval() for _ in range(3)]
         images, settings = torch.rand(4, 6, 48, 64), torch.rand(4, 8)
@@ -75,8 +77,7 @@ def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Pa
 
 @pytest.mark.parametrize("objective", ["values", "best"])
 def test_it_learns_to_follow_the_light(objective: str) -> None:
-    orb_alone = Utility(other_weight=0.0, other_fear=0.0)
-    recipe = replace(QUICK, objective=objective, utility=orb_alone)
+    recipe = replace(QUICK, objective=objective, utility=UTILITIES["orb"])
     fit = PathFit(recipe, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
     standing = scores(lambda _pose, _frames, used: used, [make_drive(9)], GRID)[0]
     losses: list[float] = []
@@ -109,11 +110,12 @@ def test_a_lesson_for_one_front_end_ignores_the_other() -> None:
             float(np.ptp(worth(few_or_many)))
             for worth in (recipe.utility.of, recipe.utility.of_other)
         )
+        assert recipe.utility.front_end == front_end
         assert (of_orb > 0) is cares_for_orb and (of_viso2 > 0) is not cares_for_orb
         better_orb = Score(600, 40, 300, 30).worth(front_end)
         better_viso2 = Score(500, 30, 400, 40).worth(front_end)
         assert (better_orb > better_viso2) is cares_for_orb
-    assert make_recipe("map-small", 0).utility == Utility()
+    assert make_recipe("map-small", 0).utility == Utility() and Utility().front_end == "both"
     with pytest.raises(UsageError, match="--front-end must be one of both, orb, viso2, got sift"):
         make_recipe("map-small", 0, front_end="sift")
 
@@ -308,6 +310,10 @@ def test_options_of_the_other_kind_are_refused(
     assert "--int8 does not go with --net map-small" in capsys.readouterr().err
     assert run(["train", "p.npz", "--net", "dual-small", "--steps", "3", *out]) == 2
     assert "--steps does not go with --net dual-small" in capsys.readouterr().err
+    assert run(["train", "p.npz", "--net", "dual-small", "--front-end", "orb", *out]) == 2
+    assert "--front-end does not go with --net dual-small" in capsys.readouterr().err
+    assert run(["train", "p.npz", "--net", "map-small", "--front-end", "sift", *out]) == 2
+    assert "--front-end must be one of both, orb, viso2" in capsys.readouterr().err
     for command, complaint in (
         (["targets", "sim:tunnel"], "--metric path"),
         (["targets", "drive", "--seeds", "1-2"], "simulated cameras only"),
