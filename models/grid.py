@@ -31,20 +31,23 @@ class SettingsGrid:
         exposures, gains = np.meshgrid(self.exposures_us, self.gains_db, indexing="ij")
         return np.stack([exposures.ravel(), gains.ravel()], axis=1)
 
-    def distance_ev(self) -> NDArray[np.float64]:
-        """Return by how much brightness differs between any two cells, S x S, in stops."""
-        stops = brightness_ev(self.cells())
-        return np.abs(stops[:, None] - stops)
+    def distance_ev(self, settings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return by how much brightness differs between N settings and every cell, N x S, in stops.
 
-    def opposed_ev(self) -> NDArray[np.float64]:
-        """Return the stops that exposure and gain move against each other by, S x S.
-
-        Only the part of a move along equal brightness: 0 where both go the same way.
+        `settings` is N x (exposure_us, gain_db).
         """
-        cells = self.cells()
-        exposure_ev = brightness_ev(np.stack([cells[:, 0], 0 * cells[:, 1]], axis=1))
-        gain_ev = brightness_ev(cells) - exposure_ev
-        longer, stronger = (ev - ev[:, None] for ev in (exposure_ev, gain_ev))
+        return np.abs(brightness_ev(settings)[:, None] - brightness_ev(self.cells()))
+
+    def opposed_ev(self, settings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the stops that exposure and gain move against each other by, N x S.
+
+        That is on the way from each of N settings, N x (exposure_us, gain_db), to each cell. Only
+        the part of a move along equal brightness counts: 0 where both go the same way.
+        """
+        (longer_from, stronger_from), (longer_to, stronger_to) = map(
+            _exposure_and_gain_ev, (settings, self.cells())
+        )
+        longer, stronger = longer_to - longer_from[:, None], stronger_to - stronger_from[:, None]
         against = np.minimum(np.abs(longer), np.abs(stronger))
         return np.where(longer * stronger < 0, against, 0.0)
 
@@ -99,8 +102,15 @@ def path_grid(
 
 def brightness_ev(settings: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the stops of brightness of N x (exposure_us, gain_db): log2 of exposure x gain."""
-    factors = np.array([gain_factor(gain) for gain in settings[:, 1]])
-    return np.asarray(np.log2(settings[:, 0] * factors))
+    exposure_ev, gain_ev = _exposure_and_gain_ev(settings)
+    return exposure_ev + gain_ev
+
+
+def _exposure_and_gain_ev(
+    settings: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    gains = np.array([gain_factor(gain) for gain in settings[:, 1]])
+    return np.log2(settings[:, 0]), np.log2(gains)
 
 
 def _between(

@@ -27,7 +27,15 @@ from rig.models.names import SCORE_MAPS
 from rig.models.rollout import Journey, Trip
 from rig.models.scoremap import FRAMES, TOLD, ScoreMapNetwork
 from rig.models.seen import SeenDrive
-from rig.models.values import UTILITIES, Utility, Values, move_values, move_worth
+from rig.models.values import (
+    UTILITIES,
+    Utility,
+    Values,
+    change_worth,
+    denoised,
+    move_values,
+    move_worth,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,40 +135,70 @@ class PathSamples:
         return images, settings, self.values[chosen]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lesson:
+    """What a drive teaches in one light, for each of P-1 pairs.
+
+    `matched` is what the matches of each move are worth, S x S; `steady` the inliers of the other
+    front end where a setting stays, S; `following` what is worth having reached a setting, S.
+    """
+
+    matched: Values
+    steady: Values
+    following: Values
+
+
 class Lessons:
     """What moves are worth in some drives, in any light; worked out when first asked for."""
 
     def __init__(self, drives: Sequence[SeenDrive], grid: SettingsGrid, utility: Utility) -> None:
         self._drives, self._grid, self._utility = drives, grid, utility
-        self._known: dict[tuple[int, int], Values] = {}
-
-    def values(self, drive: int, light: int) -> Values:
-        """Return P-1 x S x S values of a drive where all light is `light` steps brighter."""
-        if (drive, light) not in self._known:
-            like = self._grid.relit(light)
-            seen = self._drives[drive]
-            moves, steady = seen.moves[:, like][:, :, like], seen.steady[:, like]
-            worth = move_worth(moves, steady, self._utility, self._grid)
-            self._known[drive, light] = move_values(worth, self._utility.discount)
-        return self._known[drive, light]
+        self._known: dict[tuple[int, int], _Lesson] = {}
 
     def of(self, journey: Journey) -> NDArray[np.float32]:
         """Return decisions x S values: what each answer is worth to the frame that it reaches.
 
         Nobody knows that the light will change: in the lesson it stays as it is at the decision.
-        The move begins at what was asked for last, which is used by then.
+        The move begins at what was asked for last, which is used by then. Between cells its matches
+        are a mixture; the change of brightness, which the other front end suffers from, is exact.
         """
         late = journey.trip.latency
         asked = journey.used[late:-1]
         light = journey.trip.light_at(np.arange(len(asked)))
-        cells, weights = self._grid.corners(asked)
         values = np.empty((len(asked), len(self._grid)), np.float32)
         for steps in np.unique(light):
             now = np.flatnonzero(light == steps)
-            of_drive = self.values(journey.trip.drive, int(steps))
-            between = of_drive[now[:, None] + late, cells[now]]
-            values[now] = np.einsum("tc,tcs->ts", weights[now].astype(np.float32), between)
+            lesson = self._lesson(journey.trip.drive, int(steps))
+            values[now] = self._values(lesson, now + late, asked[now])
         return values
+
+    def _values(
+        self, lesson: _Lesson, pairs: NDArray[np.int64], asked: NDArray[np.float64]
+    ) -> Values:
+        """Return N x S values of moves from N settings, each at a pair of its own."""
+        cells, corners = self._grid.corners(asked)
+        weights = corners.astype(np.float32)
+        rows = pairs[:, None], cells
+        matched = np.einsum("nc,ncs->ns", weights, lesson.matched[rows])
+        before = (weights * lesson.steady[rows]).sum(1)
+        after = lesson.steady[pairs]
+        besides = change_worth(before, after, asked, self._utility, self._grid)
+        return np.asarray(matched + besides + lesson.following[pairs])
+
+    def _lesson(self, drive: int, light: int) -> _Lesson:
+        """Return what a drive teaches where all light is `light` steps brighter."""
+        if (drive, light) not in self._known:
+            like = self._grid.relit(light)
+            seen, utility = self._drives[drive], self._utility
+            moves, steady = seen.moves[:, like][:, :, like], seen.steady[:, like]
+            values = move_values(move_worth(moves, steady, utility, self._grid), utility.discount)
+            reached = np.concatenate([values[1:].max(2), np.zeros_like(values[:1, 0])])
+            self._known[drive, light] = _Lesson(
+                matched=utility.of(denoised(moves)),
+                steady=denoised(steady),
+                following=np.float32(utility.discount) * reached,
+            )
+        return self._known[drive, light]
 
 
 def gather(journeys: Sequence[Journey], lessons: Lessons) -> PathSamples:

@@ -166,7 +166,7 @@ def _see(opened: _Opened, grid: SettingsGrid, first: int, last: int) -> Arrays:
     looks = (_look(opened, grid, pose) for pose in range(first, last + 1))
     before = next(looks)
     thumbnails, moves, steady = [before.thumbnails], [], []
-    allowed = grid.distance_ev() <= LARGEST_MOVE_EV
+    allowed = grid.distance_ev(grid.cells()) <= LARGEST_MOVE_EV
     for pose, after in enumerate(looks, first):
         thumbnails.append(after.thumbnails)
         moves.append(_count(opened, before.orb, after.orb, pose, allowed))

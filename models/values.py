@@ -19,6 +19,7 @@ from rig.models.grid import SettingsGrid
 Values = NDArray[np.float32]
 
 _LOST_PER_EV2 = 1.4
+_LOST_AT_EXITS_PER_EV2 = 2.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +31,8 @@ class Utility:
     several poor pairs is taken where it spares a very poor one. `discount` in [0, 1) is per frame.
     `opposed_cost` is for each stop that exposure and gain move against each other: the pictures
     are as bright as before, but blurred and noisy in another way. `other_weight`, `other_fear` and
-    `other_falloff` are the same of the inliers to expect of the other front end
-    (`expected_inliers`).
+    `other_falloff` are the same of the inliers of the other front end: the logarithm is of those to
+    expect, fear is about those that a change leaves where it does most harm (`change_worth`).
     """
 
     log_weight: float = 0.3
@@ -40,8 +41,8 @@ class Utility:
     discount: float = 0.95
     opposed_cost: float = 0.02
     other_weight: float = 0.15
-    other_fear: float = 6.0
-    other_falloff: float = 30.0
+    other_fear: float = 12.0
+    other_falloff: float = 25.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:
@@ -56,24 +57,28 @@ class Utility:
 
     def of(self, matches: Values) -> Values:
         """Return the utility of each count."""
-        return _worth(matches, self.log_weight, self.fear, self.fear_falloff)
+        return _logarithm(matches, self.log_weight) - _fear(matches, self.fear, self.fear_falloff)
 
-    def of_other(self, inliers: Values) -> Values:
-        """Return the utility of each count of the other front end."""
-        return _worth(inliers, self.other_weight, self.other_fear, self.other_falloff)
+    def of_other(self, inliers: Values, at_exits: Values) -> Values:
+        """Return the utility of each count of the other front end, as usual and at exits."""
+        feared = _fear(at_exits, self.other_fear, self.other_falloff)
+        return _logarithm(inliers, self.other_weight) - feared
 
 
 UTILITIES: Mapping[str, Utility] = {
     "both": Utility(),
     "orb": Utility(other_weight=0.0, other_fear=0.0),
-    "viso2": Utility(log_weight=0.0, fear=0.0, other_weight=0.3),
+    "viso2": Utility(log_weight=0.0, fear=0.0, other_weight=0.3, other_fear=24.0),
 }
 """What moves are worth to whoever looks with this front end, or does not know with which."""
 
 
-def _worth(counts: Values, log_weight: float, fear: float, falloff: float) -> Values:
-    feared = fear * np.exp(-counts / falloff)
-    return np.asarray(log_weight * np.log(counts + 50) - feared, np.float32)
+def _logarithm(counts: Values, weight: float) -> Values:
+    return np.asarray(weight * np.log(counts + 50), np.float32)
+
+
+def _fear(counts: Values, weight: float, falloff: float) -> Values:
+    return np.asarray(weight * np.exp(-counts / falloff), np.float32)
 
 
 def denoised(counts: NDArray[np.int16]) -> Values:
@@ -96,14 +101,36 @@ def kept_share(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.exp(-_LOST_PER_EV2 * np.square(changed_ev)))
 
 
-def expected_inliers(steady: Values, distance_ev: NDArray[np.float64]) -> Values:
-    """Return the viso2-style inliers to expect of every move, P-1 x S (from) x S (to).
+def kept_share_at_exits(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the share that a change leaves at the exit of a tunnel: 0.5 at half a stop.
 
-    They are those that the poorer of both settings has where it stays (`steady`, P-1 x S), as far
-    as the change of brightness leaves them.
+    There the view is dark and white at once, and there the worst pairs of drives lie. Fitted to
+    changes of up to 0.6 stops in 13 poses before the exits of three train tunnels
+    (docs/learning.md); of larger ones more is left.
     """
-    poorer = np.minimum(steady[:, :, None], steady[:, None, :])
-    return np.asarray(poorer * kept_share(distance_ev).astype(np.float32))
+    return np.asarray(np.exp(-_LOST_AT_EXITS_PER_EV2 * np.square(changed_ev)))
+
+
+def change_worth(
+    before: Values,
+    after: Values,
+    settings: NDArray[np.float64],
+    utility: Utility,
+    grid: SettingsGrid,
+) -> Values:
+    """Return what moves from N settings to every cell are worth but for their matches, ... x N x S.
+
+    That is the worth of the other front end's inliers, less the cost of swings. The poorer of both
+    settings, where it stays, says how many there were without a change: `before`, ... x N, are those
+    of the settings, N x (exposure_us, gain_db), and `after`, which fits ... x N x S, of the cells.
+    """
+    poorer, changed_ev = np.minimum(before[..., None], after), grid.distance_ev(settings)
+    usual, at_exits = (
+        poorer * share(changed_ev).astype(np.float32)
+        for share in (kept_share, kept_share_at_exits)
+    )
+    swings = utility.opposed_cost * grid.opposed_ev(settings)
+    return np.asarray(utility.of_other(usual, at_exits) - swings.astype(np.float32))
 
 
 def move_worth(
@@ -113,9 +140,9 @@ def move_worth(
 
     `moves` and `steady` are those of a drive over the grid, P-1 x S x S and P-1 x S.
     """
-    other = expected_inliers(denoised(steady), grid.distance_ev())
-    worth = utility.of(denoised(moves)) + utility.of_other(other)
-    return np.asarray(worth - (utility.opposed_cost * grid.opposed_ev()).astype(np.float32))
+    staying = denoised(steady)
+    besides = change_worth(staying, staying[:, None], grid.cells(), utility, grid)
+    return np.asarray(utility.of(denoised(moves)) + besides)
 
 
 def move_values(worth: Values, discount: float) -> Values:

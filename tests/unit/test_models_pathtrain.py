@@ -17,13 +17,21 @@ from rig.core.types import THESIS_LIMITS, Frame, Settings
 from rig.models.cars import Chances, NetworkCars, Score, scores
 from rig.models.dataset import scale_settings
 from rig.models.fit import Checkpoint
+from rig.models.grid import brightness_ev
 from rig.models.pathfit import Lessons, PathFit, PathRecipe, StageResult, gather, make_recipe
 from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
 from rig.models.rollout import Journey, Trip, roll_out
 from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
 from rig.models.seen import SeenDrive
-from rig.models.values import UTILITIES, Utility, move_values, move_worth
+from rig.models.values import (
+    UTILITIES,
+    Utility,
+    kept_share,
+    kept_share_at_exits,
+    move_values,
+    move_worth,
+)
 
 QUICK = PathRecipe(
     steps=(120, 40),
@@ -58,7 +66,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Path) -> None:
-    quick = replace(QUICK, steps=(4,), learning_rates=(5e-3,), behaviours=1)
+    quick = replace(QUICK, steps=(12,), learning_rates=(5e-3,), behaviours=1)
     quick = replace(quick, utility=UTILITIES["viso2"])
     paths = [save(tmp_path / "paths.npz", range(3))]
     result = train_paths(paths, "map-small", tmp_path / "two.onnx", quick, members=2)
@@ -77,7 +85,7 @@ def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Pa
 
 @pytest.mark.parametrize("objective", ["values", "best"])
 def test_it_learns_to_follow_the_light(objective: str) -> None:
-    recipe = replace(QUICK, objective=objective, utility=UTILITIES["orb"])
+    recipe = replace(QUICK, steps=(160, 40), objective=objective, utility=UTILITIES["orb"])
     fit = PathFit(recipe, GRID, [make_drive(seed) for seed in range(4)], [make_drive(9)])
     standing = scores(lambda _pose, _frames, used: used, [make_drive(9)], GRID)[0]
     losses: list[float] = []
@@ -106,10 +114,8 @@ def test_a_lesson_for_one_front_end_ignores_the_other() -> None:
     few_or_many = np.array([5.0, 500.0], np.float32)
     for front_end, cares_for_orb in (("orb", True), ("viso2", False)):
         recipe = make_recipe("map-small", 0, front_end=front_end)
-        of_orb, of_viso2 = (
-            float(np.ptp(worth(few_or_many)))
-            for worth in (recipe.utility.of, recipe.utility.of_other)
-        )
+        of_orb = float(np.ptp(recipe.utility.of(few_or_many)))
+        of_viso2 = float(np.ptp(recipe.utility.of_other(few_or_many, few_or_many)))
         assert recipe.utility.front_end == front_end
         assert (of_orb > 0) is cares_for_orb and (of_viso2 > 0) is not cares_for_orb
         better_orb = Score(600, 40, 300, 30).worth(front_end)
@@ -159,6 +165,18 @@ def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
         told = settings[7].reshape(4, 2).numpy()
         assert np.allclose(told[:3], scale_settings(*used[[7, 6, 5]].T), atol=1e-6)
         assert np.allclose(told[3], scale_settings(*used[[7 + late]].T)[0], atol=1e-6)
+
+
+def test_a_change_from_between_cells_is_as_large_as_it_is() -> None:
+    drive = make_drive(3)
+    rich = replace(drive, steady=np.full_like(drive.steady, 300))
+    utility = Utility(log_weight=0.0, fear=0.0, opposed_cost=0.0, discount=0.0)
+    between = np.tile(np.sqrt(GRID.cells()[12] * GRID.cells()[12 + GRID.shape[1]]), (40, 1))
+    values = Lessons([rich], GRID, utility).of(Journey(Trip(0), drive.thumbnails[:, 12], between))
+    apart_ev = np.abs(brightness_ev(between[:1]) - brightness_ev(GRID.cells()))
+    usual, at_exits = (300 * share(apart_ev) for share in (kept_share, kept_share_at_exits))
+    wanted = utility.of_other(usual.astype(np.float32), at_exits.astype(np.float32))
+    assert values[5] == pytest.approx(wanted, abs=1e-3)
 
 
 def test_no_lesson_knows_that_the_light_will_change() -> None:

@@ -14,9 +14,10 @@ from rig.models.grid import brightness_ev, path_grid
 from rig.models.rollout import Trip, look, matches, other_inliers, roll_out
 from rig.models.values import (
     Utility,
+    change_worth,
     denoised,
-    expected_inliers,
     kept_share,
+    kept_share_at_exits,
     move_values,
     move_worth,
 )
@@ -56,13 +57,18 @@ def test_counts_are_averaged_with_their_neighbours_in_time() -> None:
 
 
 def test_the_other_front_end_bears_little_change_of_brightness() -> None:
-    steady = np.array([[200.0, 100.0, 300.0]], np.float32)
-    apart_ev = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [1.0, 2.0, 0.0]])
-    expected = expected_inliers(steady, apart_ev)[0]
-    one, two = kept_share(np.array([1.0, 2.0]))
-    assert expected[0].tolist() == pytest.approx([200.0, 100.0, 200.0 * one])
-    assert expected[2].tolist() == pytest.approx([200.0 * one, 100.0 * two, 300.0])
-    assert two < 0.01 < 0.2 < one < kept_share(np.array([0.5]))[0] < kept_share(np.zeros(1))[0] == 1
+    half, one, two = kept_share(np.array([0.5, 1.0, 2.0]))
+    assert two < 0.01 < 0.2 < one < half < kept_share(np.zeros(1))[0] == 1
+
+
+def test_the_poorer_end_of_a_change_says_how_many_inliers_there_were() -> None:
+    utility = Utility(other_weight=1.0, other_fear=0.0, opposed_cost=0.0)
+    settings, distance_ev = GRID.cells()[:2], GRID.distance_ev(GRID.cells()[:2])
+    before = np.array([200.0, 100.0], np.float32)
+    after = np.full(len(GRID), 150.0, np.float32)
+    worth = change_worth(before, after, settings, utility, GRID)
+    left = np.array([[150.0], [100.0]]) * kept_share(distance_ev)
+    assert worth == pytest.approx(np.log(left + 50), abs=1e-5)
 
 
 def test_what_the_other_front_end_sees_is_worth_something() -> None:
@@ -79,8 +85,23 @@ def test_few_inliers_of_the_other_front_end_are_feared() -> None:
     many, few = np.array([300.0], np.float32), np.array([5.0], np.float32)
     fearless = Utility(other_fear=0.0)
     afraid = Utility(other_fear=10.0, other_falloff=10.0)
-    assert afraid.of_other(many) == pytest.approx(fearless.of_other(many), abs=1e-5)
-    assert fearless.of_other(few) - afraid.of_other(few) == pytest.approx(10 * np.exp(-0.5))
+    assert afraid.of_other(few, many) == pytest.approx(fearless.of_other(few, many), abs=1e-5)
+    lost = fearless.of_other(many, few) - afraid.of_other(many, few)
+    assert lost == pytest.approx(10 * np.exp(-0.5))
+
+
+def test_changes_are_feared_as_they_are_at_exits() -> None:
+    changes_ev = np.array([0.0, 0.5, 1.0])
+    usual, at_exits = kept_share(changes_ev), kept_share_at_exits(changes_ev)
+    assert usual[0] == at_exits[0] == 1
+    assert (at_exits[1:] < usual[1:]).all()
+    moves = np.full((2, len(GRID), len(GRID)), 300, np.int16)
+    steady = np.full(moves.shape[:2], 100, np.int16)
+    utility = Utility(log_weight=0.0, fear=0.0, opposed_cost=0.0, other_weight=0.0)
+    worth = move_worth(moves, steady, utility, GRID)
+    left = 100 * kept_share_at_exits(GRID.distance_ev(GRID.cells()))
+    wanted = -utility.other_fear * np.exp(-left / utility.other_falloff)
+    assert worth[0] == pytest.approx(wanted, abs=1e-4)
 
 
 def test_a_discount_of_one_is_refused() -> None:
@@ -206,7 +227,7 @@ def test_a_car_in_another_light_sees_and_matches_what_that_light_shows() -> None
 
 
 def test_moves_along_equal_brightness_cost_and_others_do_not() -> None:
-    opposed = GRID.opposed_ev()
+    opposed = GRID.opposed_ev(GRID.cells())
     gain_ev = np.log2(10 ** (GRID.gains_db[1] / 20))
     step_ev = np.log2(GRID.exposures_us[1] / GRID.exposures_us[0])
     assert opposed[4, 1] == pytest.approx(min(gain_ev, step_ev))
