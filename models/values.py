@@ -121,13 +121,12 @@ def change_worth(
     """Return what moves from N settings to every cell are worth but for their matches, ... x N x S.
 
     That is the worth of the other front end's inliers, less the cost of swings. The poorer of both
-    settings, where it stays, says how many there were without a change: `before`, ... x N, are those
-    of the settings, N x (exposure_us, gain_db), and `after`, which fits ... x N x S, of the cells.
+    ends, where it stays, says how many there were without a change: `before`, ... x N, are those of
+    the settings, N x (exposure_us, gain_db), and `after`, which fits ... x N x S, of the cells.
     """
     poorer, changed_ev = np.minimum(before[..., None], after), grid.distance_ev(settings)
     usual, at_exits = (
-        poorer * share(changed_ev).astype(np.float32)
-        for share in (kept_share, kept_share_at_exits)
+        poorer * share(changed_ev).astype(np.float32) for share in (kept_share, kept_share_at_exits)
     )
     swings = utility.opposed_cost * grid.opposed_ev(settings)
     return np.asarray(utility.of_other(usual, at_exits) - swings.astype(np.float32))
