@@ -132,16 +132,13 @@ def change_worth(
     return np.asarray(utility.of_other(usual, at_exits) - swings.astype(np.float32))
 
 
-def move_worth(
-    moves: NDArray[np.int16], steady: NDArray[np.int16], utility: Utility, grid: SettingsGrid
-) -> Values:
+def move_worth(matched: Values, steady: Values, utility: Utility, grid: SettingsGrid) -> Values:
     """Return the worth of every move by itself, P-1 x S (from) x S (to).
 
-    `moves` and `steady` are those of a drive over the grid, P-1 x S x S and P-1 x S.
+    `matched` is what the matches of the moves are worth, of the same shape, and `steady` the
+    inliers of the other front end where a setting stays, P-1 x S; both of `denoised` counts.
     """
-    staying = denoised(steady)
-    besides = change_worth(staying, staying[:, None], grid.cells(), utility, grid)
-    return np.asarray(utility.of(denoised(moves)) + besides)
+    return np.asarray(matched + change_worth(steady, steady[:, None], grid.cells(), utility, grid))
 
 
 def move_values(worth: Values, discount: float) -> Values:

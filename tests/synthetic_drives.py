@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.models.grid import brightness_ev, path_grid
 from rig.models.seen import SeenDrive
+from rig.models.values import Utility, Values, denoised, move_worth
 
 GRID = path_grid(10, 4)
 
@@ -24,3 +26,8 @@ def make_drive(seed: int, poses: int = 40) -> SeenDrive:
     steady = 900 * np.minimum(good[:-1], good[1:])
     counts = moves.astype(np.int16), steady.astype(np.int16)
     return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, *counts)
+
+
+def worth_of(moves: NDArray[np.int16], steady: NDArray[np.int16], utility: Utility) -> Values:
+    """Return what all moves of a drive over GRID are worth, by its counts."""
+    return move_worth(utility.of(denoised(moves)), denoised(steady), utility, GRID)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from synthetic_drives import GRID, make_drive
+from synthetic_drives import GRID, make_drive, worth_of
 
 from rig.cli.main import run
 from rig.controllers.network import NetworkController
@@ -18,7 +18,8 @@ from rig.models.cars import Chances, NetworkCars, Score, scores
 from rig.models.dataset import scale_settings
 from rig.models.fit import Checkpoint
 from rig.models.grid import brightness_ev
-from rig.models.pathfit import Lessons, PathFit, PathRecipe, StageResult, gather, make_recipe
+from rig.models.lessons import Lessons, gather
+from rig.models.pathfit import PathFit, PathRecipe, StageResult, make_recipe
 from rig.models.paths import DriveSource, PathTargets
 from rig.models.pathtrain import train_paths
 from rig.models.rollout import Journey, Trip, roll_out
@@ -30,7 +31,6 @@ from rig.models.values import (
     kept_share,
     kept_share_at_exits,
     move_values,
-    move_worth,
 )
 
 QUICK = PathRecipe(
@@ -152,7 +152,7 @@ def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
     cells = np.random.default_rng(4).integers(0, len(GRID), 40)
     used = GRID.cells()[cells]
     frames = drive.thumbnails[np.arange(40), cells]
-    worth = move_worth(drive.moves, drive.steady, Utility(), GRID)
+    worth = worth_of(drive.moves, drive.steady, Utility())
     worth = move_values(worth, Utility().discount)
     for late in (0, 2):
         samples = gather([Journey(Trip(0, late), frames, used)], lessons)

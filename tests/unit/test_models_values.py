@@ -6,7 +6,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from synthetic_drives import GRID, make_drive
+from synthetic_drives import GRID, make_drive, worth_of
 
 from rig.core.errors import UsageError
 from rig.models.behaviour import RandomExposure
@@ -19,7 +19,6 @@ from rig.models.values import (
     kept_share,
     kept_share_at_exits,
     move_values,
-    move_worth,
 )
 
 
@@ -75,9 +74,9 @@ def test_what_the_other_front_end_sees_is_worth_something() -> None:
     moves = np.full((2, len(GRID), len(GRID)), 300, np.int16)
     steady = np.full(moves.shape[:2], 100, np.int16)
     steady[:, 1] = 200
-    worth = move_worth(moves, steady, Utility(other_weight=0.2, other_fear=0.0), GRID)
+    worth = worth_of(moves, steady, Utility(other_weight=0.2, other_fear=0.0))
     assert worth[0, 1, 1] - worth[0, 0, 0] == pytest.approx(0.2 * np.log(250 / 150), abs=1e-5)
-    alike = move_worth(moves, steady, Utility(other_weight=0.0, other_fear=0.0), GRID)
+    alike = worth_of(moves, steady, Utility(other_weight=0.0, other_fear=0.0))
     assert alike[0, 1, 1] == alike[0, 0, 0]
 
 
@@ -98,7 +97,7 @@ def test_changes_are_feared_as_they_are_at_exits() -> None:
     moves = np.full((2, len(GRID), len(GRID)), 300, np.int16)
     steady = np.full(moves.shape[:2], 100, np.int16)
     utility = Utility(log_weight=0.0, fear=0.0, opposed_cost=0.0, other_weight=0.0)
-    worth = move_worth(moves, steady, utility, GRID)
+    worth = worth_of(moves, steady, utility)
     left = 100 * kept_share_at_exits(GRID.distance_ev(GRID.cells()))
     wanted = -utility.other_fear * np.exp(-left / utility.other_falloff)
     assert worth[0] == pytest.approx(wanted, abs=1e-4)
@@ -235,9 +234,7 @@ def test_moves_along_equal_brightness_cost_and_others_do_not() -> None:
     assert opposed[0, 4] == opposed[0, 1] == opposed[0, 5] == opposed[7, 7] == 0
 
     moves = np.full((6, len(GRID), len(GRID)), 300, np.int16)
-    dear, free = (
-        move_worth(moves, moves[:, 0], Utility(opposed_cost=cost), GRID) for cost in (0.1, 0.0)
-    )
+    dear, free = (worth_of(moves, moves[:, 0], Utility(opposed_cost=cost)) for cost in (0.1, 0.0))
     assert dear[0, 4, 4] == free[0, 4, 4]
     assert dear[0, 4, 1] == pytest.approx(free[0, 4, 1] - 0.1 * opposed[4, 1], abs=1e-5)
 
