@@ -68,20 +68,25 @@ def compare(duels: Sequence[Duel], *, seed: int) -> dict[str, Any]:
     medians = np.array([duel.median for duel in duels], np.float64).reshape(-1, 2)
     minima = np.array([duel.min for duel in duels], np.float64).reshape(-1, 2)
     return {
-        "orb_median_ratio": _ratio(medians),
-        "orb_min_ratio": _ratio(minima),
-        "ci95": _interval(medians, seed),
+        "orb_median_ratio": ratio_of_means(medians),
+        "orb_min_ratio": ratio_of_means(minima),
+        "ci95": ratio_ci95(medians, seed),
         "wins": int(np.count_nonzero(medians[:, 0] > medians[:, 1])),
         "losses": int(np.count_nonzero(medians[:, 0] < medians[:, 1])),
     }
 
 
-def _ratio(values: NDArray[np.float64]) -> float | None:
+def ratio_of_means(values: NDArray[np.float64]) -> float | None:
+    """Return the mean of the first of two columns by that of the second; None for one of 0."""
     a, b = values.sum(axis=0) if values.size else (0.0, 0.0)
     return float(a / b) if b > 0 else None
 
 
-def _interval(values: NDArray[np.float64], seed: int) -> list[float] | None:
+def ratio_ci95(values: NDArray[np.float64], seed: int) -> list[float] | None:
+    """Return the bootstrap interval of `ratio_of_means` when rows are drawn with replacement.
+
+    None for less than two rows, which show no significance, and where a draw divides by 0.
+    """
     runs = len(values)
     if runs < 2:
         return None

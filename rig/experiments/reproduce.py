@@ -56,6 +56,35 @@ ITEMS: Mapping[str, Item] = {
         "rig.experiments.forward_times",
         "measure",
     ),
+    "table-5.1": Item(
+        "single-parameter network, AE, AE+AG and three variants of Shin in static light",
+        "rig.experiments.chapter5",
+        "table_5_1",
+    ),
+    "table-5.2": Item(
+        "single-parameter network, AE and Shin in tunnels", "rig.experiments.chapter5", "table_5_2"
+    ),
+    "fig-5.7": Item(
+        "networks of four ways to make targets in static light",
+        "rig.experiments.chapter5",
+        "fig_5_7",
+    ),
+    "fig-5.8": Item(
+        "networks of four ways to make targets in tunnels", "rig.experiments.chapter5", "fig_5_8"
+    ),
+    "table-5.3": Item(
+        "dual-parameter network, AE+AG and Shin in static light",
+        "rig.experiments.chapter5",
+        "table_5_3",
+    ),
+    "table-5.4": Item(
+        "dual-parameter network, AE+AG and Shin in tunnels", "rig.experiments.chapter5", "table_5_4"
+    ),
+    "table-5.5": Item(
+        "frames that odometry used on whole routes, alpha 0.5 and 0.33",
+        "rig.experiments.chapter5",
+        "table_5_5",
+    ),
     "fig-5.9": Item(
         "what four ways to make targets ask for along a drive through an underpass",
         "rig.experiments.target_profiles",

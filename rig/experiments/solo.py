@@ -2,12 +2,13 @@
 
 What a camera sees depends on where it is, not on its settings: every view is rendered once and
 exposed by every controller in turn. Otherwise each has what it has in a race on the primary camera:
-its limits, its noise, the camera's rounding, and settings that count from the next frame on.
+its limits, its noise, the camera's rounding, settings that count from the next frame on, and the
+judges.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 
@@ -15,44 +16,61 @@ import numpy as np
 
 from rig.controllers.registry import NamedController
 from rig.core.errors import UsageError
-from rig.core.types import THESIS_LIMITS, Frame, Settings
+from rig.core.types import THESIS_LIMITS, Frame, Intrinsics, Settings
 from rig.core.units import NS_PER_S
 from rig.drivers.registry import open_source, parse_address
 from rig.drivers.scenes.scene import View
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.program import ExposureProgram
 from rig.drivers.simulated.source import SimulatedSource
-from rig.evaluation.inliers import InlierCounter, grey_of
-from rig.evaluation.statistics import BLIND_BELOW, counted, inlier_statistics
+from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds
+from rig.evaluation.inliers import grey_of
+from rig.evaluation.odometry import OdometryCounter, Step
+from rig.evaluation.statistics import (
+    BLIND_BELOW,
+    WARM_UP_PAIRS,
+    InlierStatistics,
+    counted,
+    inlier_statistics,
+)
 from rig.vision.metrics import mean_dn
-from rig.vision.orb import OrbFrontEnd
 
 
 @dataclass(frozen=True, slots=True)
 class Solo:
-    """How one controller did: ORB inliers from the race's judge, settings used at every frame."""
+    """How one controller did, by the race's judges, after the warm-up.
+
+    `inliers` maps each front end that judged to its statistics. `steps` are what visual odometry
+    made of the pictures, none where viso2 did not judge. `used` and `mean_dn` (0..255) have one
+    entry a frame, the warm-up too.
+    """
 
     controller: str
     world_version: str
-    median: float
-    min: int
-    blind_frames: int
-    used: tuple[Settings, ...] = field(repr=False)
-    mean_dn: tuple[float, ...] = field(repr=False)
+    inliers: Mapping[str, InlierStatistics]
+    steps: tuple[Step, ...] = field(default=(), repr=False)
+    used: tuple[Settings, ...] = field(default=(), repr=False)
+    mean_dn: tuple[float, ...] = field(default=(), repr=False)
 
 
 class _Seat:
     """One controller, what its camera will use next, and what it has seen."""
 
-    def __init__(self, named: NamedController, source: SimulatedSource) -> None:
+    def __init__(
+        self,
+        named: NamedController,
+        source: SimulatedSource,
+        front_ends: FrontEnds,
+        lens: Intrinsics,
+    ) -> None:
         controls = source.drive.model.controls
         self.named = named
         self._program = ExposureProgram(controls, source.drive.latency_frames)
-        self._counter = InlierCounter(OrbFrontEnd())
+        self._counters = {name: recipe.counter(lens) for name, recipe in front_ends.items()}
         self._program.ask(named.controller.reset(controls.limits.within(THESIS_LIMITS)))
         self.used: list[Settings] = []
         self.means_dn: list[float] = []
-        self.inliers: list[float] = []
+        self.inliers: dict[str, list[float]] = {name: [] for name in front_ends}
 
     def shoot(self, view: View, sensor: Sensor, source: SimulatedSource, trigger: int) -> None:
         """Take, judge and answer one frame."""
@@ -66,27 +84,37 @@ class _Seat:
         frame = Frame(image, pixel_format, trigger, time_ns, time_ns, used)
         self.used.append(used)
         self.means_dn.append(mean_dn(image))
-        self.inliers.append(self._counter.count(trigger, grey_of(frame)))
+        grey = grey_of(frame)
+        for name, counter in self._counters.items():
+            self.inliers[name].append(counter.count(trigger, grey))
         self._program.ask(self.named.controller.step(frame))
 
     def result(self, world_version: str) -> Solo:
-        triggers = np.arange(len(self.inliers))
-        statistics = inlier_statistics(
-            counted(triggers, np.array(self.inliers)), BLIND_BELOW["orb"]
-        )
+        triggers = np.arange(len(self.used))
         return Solo(
             self.named.name,
             world_version,
-            statistics.median or 0.0,
-            statistics.min or 0,
-            statistics.blind_frames,
+            {
+                name: inlier_statistics(counted(triggers, np.array(counts)), BLIND_BELOW[name])
+                for name, counts in self.inliers.items()
+            },
+            tuple(step for step in self._steps() if step.trigger >= WARM_UP_PAIRS),
             tuple(self.used),
             tuple(self.means_dn),
         )
 
+    def _steps(self) -> list[Step]:
+        counters = self._counters.values()
+        return [s for one in counters if isinstance(one, OdometryCounter) for s in one.steps]
+
 
 def run_solo(
-    address: str, controllers: Sequence[NamedController], *, seed: int, frames: int | None = None
+    address: str,
+    controllers: Sequence[NamedController],
+    *,
+    seed: int,
+    frames: int | None = None,
+    front_ends: FrontEnds = FRONT_ENDS,
 ) -> list[Solo]:
     """Return how each controller did on the drive that `address` names.
 
@@ -99,7 +127,7 @@ def run_solo(
         assert isinstance(source, SimulatedSource)
         lens = source.scene.intrinsics("primary")
         sensor = Sensor(source.drive.model, (lens.height_px, lens.width_px), seed=0)
-        seats = [_Seat(named, source) for named in controllers]
+        seats = [_Seat(named, source, front_ends, lens) for named in controllers]
         for trigger in range(frames or source.drive_triggers):
             view = source.scene.view("primary", source.drive.scene_time_s(trigger))
             for seat in seats:

@@ -23,9 +23,10 @@ from rig.controllers.registry import make_controller
 from rig.core.errors import RigError, UsageError
 from rig.drivers.registry import open_source
 from rig.drivers.scenes.worlds import NAMES
+from rig.evaluation.front_ends import FRONT_ENDS
 from rig.experiments.reproduce import Job
 from rig.experiments.rivals import CONSTANTS, QUICK, RIVALS, Variants
-from rig.experiments.solo import run_solo
+from rig.experiments.solo import Solo, run_solo
 
 MATCHES_SPARED = 20
 """Added to a minimum: the inliers under which a pair is blind."""
@@ -297,20 +298,24 @@ def _run(piece: Piece) -> list[Race]:
     """Drive the variants of one piece."""
     controllers = [make_controller(spec, seed=0, networks={}) for spec in piece.specs]
     address = _address(piece.world, piece.seed, piece.size)
-    return [
-        Race(
-            solo.controller,
-            piece.world,
-            piece.seed,
-            piece.size,
-            piece.frames,
-            solo.world_version,
-            solo.median,
-            solo.min,
-            solo.blind_frames,
-        )
-        for solo in run_solo(address, controllers, seed=piece.seed, frames=piece.frames)
-    ]
+    orb = {"orb": FRONT_ENDS["orb"]}
+    solos = run_solo(address, controllers, seed=piece.seed, frames=piece.frames, front_ends=orb)
+    return [_told(piece, solo) for solo in solos]
+
+
+def _told(piece: Piece, solo: Solo) -> Race:
+    statistics = solo.inliers["orb"]
+    return Race(
+        solo.controller,
+        piece.world,
+        piece.seed,
+        piece.size,
+        piece.frames,
+        solo.world_version,
+        statistics.median or 0.0,
+        statistics.min or 0,
+        statistics.blind_frames,
+    )
 
 
 def _address(world: str, seed: int, size: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from rig.controllers.policies import RacePolicy
@@ -11,12 +10,12 @@ from rig.core.clock import SystemClock
 from rig.core.errors import UsageError
 from rig.core.types import Frame, PairRecord
 from rig.drivers.registry import open_source
-from rig.evaluation.inliers import orb_inliers
-from rig.evaluation.statistics import counted
+from rig.evaluation.series import measure
+from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, counted, inlier_statistics
 from rig.experiments.solo import run_solo
 from rig.loop import run_pair
 
-ADDRESS = "sim:wall?size=320x240&seed=0"
+ADDRESS = "sim:road?size=320x240&seed=0"
 FRAMES = 16
 
 
@@ -45,9 +44,17 @@ def test_alone_is_what_it_is_in_a_race(spec: str) -> None:
         frames=FRAMES,
     )[1]
     assert [frame.used for frame in raced if isinstance(frame, Frame)] == list(solo.used)
-    series = orb_inliers(memory.records).primary
-    inliers = counted(series.triggers, series.counts)
-    assert (solo.median, solo.min) == (float(np.median(inliers)), int(inliers.min()))
+    raced_series = measure(memory.records, intrinsics=source.intrinsics)
+    camera = raced_series.cameras.primary
+    assert set(solo.inliers) == {"orb", "viso2"}
+    for name, statistics in solo.inliers.items():
+        inliers = counted(raced_series.trigger, camera.inliers[name])
+        assert statistics == inlier_statistics(inliers, BLIND_BELOW[name])
+        assert statistics.median and statistics.median > 20
+    assert camera.odometry is not None
+    told = [(step.trigger, step.inliers) for step in camera.odometry.since(WARM_UP_PAIRS)]
+    assert [(step.trigger, step.inliers) for step in solo.steps] == told
+    assert len(told) == FRAMES - WARM_UP_PAIRS
 
 
 def test_only_a_simulation_can_be_driven_alone() -> None:

@@ -11,6 +11,7 @@ import pytest
 from rig.controllers.registry import make_controller
 from rig.core.errors import RigError, UsageError
 from rig.core.types import Settings
+from rig.evaluation.statistics import InlierStatistics
 from rig.experiments import tuning
 from rig.experiments.reproduce import ITEMS, Job, find_item
 from rig.experiments.rivals import CONSTANTS, QUICK, RIVALS
@@ -43,13 +44,16 @@ class Said:
         self.version = "tunnel/9"
         self.medians = MEDIANS
 
-    def _solo(self, address, controllers, *, seed, frames):  # type: ignore[no-untyped-def]
+    def _solo(self, address, controllers, *, seed, frames, front_ends):  # type: ignore[no-untyped-def]
         assert "split=train" in address
         self.driven += [(controller.name, seed) for controller in controllers]
+        assert set(front_ends) == {"orb"}
         return [
-            Solo(c.name, self.version, self.medians[c.name], 10 * seed, 1, (), ())
-            for c in controllers
+            Solo(c.name, self.version, {"orb": self._orb(c.name, 10 * seed)}) for c in controllers
         ]
+
+    def _orb(self, name: str, worst: int) -> InlierStatistics:
+        return InlierStatistics(self.medians[name], worst, None, None, 1)
 
     def job(self) -> Job:
         return Job(self.folder, False, 1, self.lines.append, lambda done, total: None)

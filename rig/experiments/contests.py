@@ -1,0 +1,246 @@
+"""Several methods on the same drives of the test split, and the ratios between them.
+
+Each drives alone on the primary camera, which is what it would see in a race. Drives that are
+done are kept, so that an experiment that was cut short goes on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from rig.bulk import Workers, run_tasks
+from rig.controllers.registry import make_controller
+from rig.drivers.registry import open_source
+from rig.evaluation.aggregate import ratio_ci95, ratio_of_means
+from rig.evaluation.odometry import mean_inlier_pct, processed_pct
+from rig.experiments.reproduce import Job
+from rig.experiments.solo import Solo, run_solo
+from rig.models.shipped import shipped_networks
+
+FIGURES: Mapping[str, str] = {
+    "orb_median": "ORB median",
+    "viso2_median": "viso2 median",
+    "orb_min": "ORB minimum",
+    "viso2_min": "viso2 minimum",
+    "processed_pct": "frames processed, %",
+    "inlier_pct": "mean inliers, %",
+}
+"""What is told of each drive; the last two are those of thesis table 5.5."""
+
+Figures = Mapping[str, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Duel:
+    """A network and a rival; `published` maps figures to what the thesis has: (rival, network)."""
+
+    network: str
+    rival: str
+    published: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Contest:
+    """One table: `methods` maps the thesis' names to controllers, `figures` are its columns.
+
+    `seeds` are those of the test worlds. `compared` says between whom ratios are told.
+    """
+
+    shows: str
+    world: str
+    seeds: Sequence[int]
+    figures: Sequence[str]
+    methods: Mapping[str, str]
+    compared: Sequence[Duel]
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One drive of a contest."""
+
+    address: str
+    seed: int
+    frames: int | None
+    controllers: Sequence[str]
+
+
+def hold(contest: Contest, job: Job) -> dict[str, Any]:
+    """Drive what was not driven yet and return the table as it is in JSON.
+
+    One drive of 40 pairs of 320x240 when quick. A finished drive is kept in the job's folder under
+    a name that changes with the world, the networks and the controllers.
+    """
+    version = _world_version(contest.world)
+    drives = _drives(contest, job.quick)
+    files = {drive.address: job.folder / f"{_name(drive, version)}.json" for drive in drives}
+    left = {drive.address: drive for drive in drives if not files[drive.address].exists()}
+    done = len(drives) - len(left)
+    job.say(
+        f"SIMULATED: {len(contest.methods)} methods on {_counted(drives)} of {version}, "
+        f"test split; {done} of them driven before"
+    )
+    for address, figures in run_tasks(_driven, left, Workers(job.processes)):
+        _keep(files[address], figures)
+        done += 1
+        job.advance(done, len(drives))
+    found = [json.loads(files[drive.address].read_text(encoding="utf-8")) for drive in drives]
+    return table(contest, drives, version, found)
+
+
+def words(values: Mapping[str, Any]) -> str:
+    """Return the methods' figures, and the ratios here beside the thesis', as Markdown."""
+    names = values["figures"]
+    titles = " | ".join(FIGURES[name] for name in names)
+    rule = "|---" * len(names) + "|"
+    lines = [
+        f"SIMULATED: {values['world_version']}, {_counted(values['drives'])} of the test split; "
+        "means over the drives",
+        "",
+        f"| method | {titles} |",
+        f"|---{rule}",
+    ]
+    for method, row in values["methods"].items():
+        cells = " | ".join(_number(row["mean"][name]) for name in names)
+        lines.append(f"| {method} (`{row['controller']}`) | {cells} |")
+    lines += ["", f"| network over rival, 95 %; in the thesis | {titles} |", f"|---{rule}"]
+    for duel in values["duels"]:
+        cells = " | ".join(_compared(duel, name) for name in names)
+        lines.append(f"| {duel['network']} over {duel['rival']} | {cells} |")
+    return "\n".join(lines)
+
+
+def _drives(contest: Contest, quick: bool) -> list[Drive]:
+    size, frames = ("320x240", 40) if quick else ("640x480", None)
+    seeds = contest.seeds[:1] if quick else contest.seeds
+    controllers = list(contest.methods.values())
+    return [
+        Drive(f"sim:{contest.world}?split=test&seed={seed}&size={size}", seed, frames, controllers)
+        for seed in seeds
+    ]
+
+
+def _driven(drive: Drive) -> dict[str, Figures]:
+    """Return each controller's figures on one drive, by its specification."""
+    named = [make_controller(c, seed=0, networks=shipped_networks()) for c in drive.controllers]
+    solos = run_solo(drive.address, named, seed=drive.seed, frames=drive.frames)
+    return {c: _figures(solo) for c, solo in zip(drive.controllers, solos, strict=True)}
+
+
+def _keep(path: Path, figures: Mapping[str, Figures]) -> None:
+    unfinished = path.with_suffix(".part")
+    unfinished.write_text(json.dumps(figures), encoding="utf-8")
+    unfinished.replace(path)
+
+
+def _figures(solo: Solo) -> Figures:
+    counts = {
+        f"{name}_{key}": getattr(statistics, key)
+        for name, statistics in solo.inliers.items()
+        for key in ("median", "min")
+    }
+    told = {"processed_pct": processed_pct(solo.steps), "inlier_pct": mean_inlier_pct(solo.steps)}
+    return counts | told
+
+
+def table(
+    contest: Contest,
+    drives: Sequence[Drive],
+    version: str,
+    found: Sequence[Mapping[str, Figures]],
+) -> dict[str, Any]:
+    """Return the table of drives, each with the figures of every controller, as it is in JSON."""
+    rows = {
+        method: [drive[controller] for drive in found]
+        for method, controller in contest.methods.items()
+    }
+    return {
+        "schema": "rig.contest/1",
+        "shows": contest.shows,
+        "world_version": version,
+        "split": "test",
+        "drives": [drive.address for drive in drives],
+        "figures": list(contest.figures),
+        "methods": {
+            method: {
+                "controller": contest.methods[method],
+                "mean": {name: _mean([row[name] for row in driven]) for name in FIGURES},
+                "by_drive": driven,
+            }
+            for method, driven in rows.items()
+        },
+        "duels": [_duel(duel, rows, contest.figures) for duel in contest.compared],
+    }
+
+
+def _duel(
+    duel: Duel, rows: Mapping[str, Sequence[Figures]], figures: Sequence[str]
+) -> dict[str, Any]:
+    return {
+        "network": duel.network,
+        "rival": duel.rival,
+        "ratios": {
+            name: _ratio(
+                [row[name] for row in rows[duel.network]], [r[name] for r in rows[duel.rival]]
+            )
+            for name in figures
+        },
+        "published": {name: list(pair) for name, pair in duel.published.items()},
+    }
+
+
+def _ratio(network: Sequence[float | None], rival: Sequence[float | None]) -> dict[str, Any]:
+    pairs = [pair for pair in zip(network, rival, strict=True) if None not in pair]
+    values = np.array(pairs, np.float64).reshape(-1, 2)
+    return {"ratio": ratio_of_means(values), "ci95": ratio_ci95(values, seed=0)}
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else None
+
+
+def _counted(drives: Sequence[object]) -> str:
+    return f"{len(drives)} drive{'' if len(drives) == 1 else 's'}"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.0f}"
+
+
+def _compared(duel: Mapping[str, Any], name: str) -> str:
+    here = duel["ratios"][name]
+    if here["ratio"] is None:
+        text = "rival has 0"
+    else:
+        text = f"{here['ratio']:.2f}"
+        if here["ci95"] is not None:
+            text += " ({:.2f} to {:.2f})".format(*here["ci95"])
+    if name not in duel["published"]:
+        return text
+    rival, network = duel["published"][name]
+    return f"{text}; {network / rival:.2f}" if rival else f"{text}; rival had 0"
+
+
+def _world_version(world: str) -> str:
+    with closing(open_source(f"sim:{world}?split=test&seed=31&size=320x240", seed=31)) as source:
+        return source.world_version
+
+
+def _name(drive: Drive, version: str) -> str:
+    """Return a name that another world, network, controller or length would change."""
+    networks = {
+        name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for name, path in shipped_networks().items()
+        if name in drive.controllers
+    }
+    told = json.dumps([drive.address, drive.frames, version, list(drive.controllers), networks])
+    return f"seed-{drive.seed}-{hashlib.sha256(told.encode()).hexdigest()[:12]}"

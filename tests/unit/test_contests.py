@@ -1,0 +1,109 @@
+"""Tables of chapter 5: the figures are those of the judges, and a drive is driven once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rig.controllers.registry import make_controller
+from rig.experiments import chapter5, contests
+from rig.experiments.contests import FIGURES, Contest, Duel, hold, words
+from rig.experiments.reproduce import ITEMS, Job
+from rig.experiments.solo import run_solo
+from rig.models.shipped import shipped_networks
+
+BRIGHT, DARK = "fixed:exposure_us=1000,gain_db=0", "fixed:exposure_us=75,gain_db=0"
+CONTEST = Contest(
+    shows="bright against dark",
+    world="road",
+    seeds=(31, 32),
+    figures=("orb_median", "orb_min", "processed_pct"),
+    methods={"bright": BRIGHT, "dark": DARK},
+    compared=[
+        Duel("bright", "dark", {"orb_median": (200, 300), "orb_min": (0, 5)}),
+        Duel("dark", "bright"),
+    ],
+)
+TABLES = {name: value for name, value in vars(chapter5).items() if isinstance(value, Contest)}
+
+
+class Said:
+    """A quick job that keeps what is said."""
+
+    def __init__(self, folder: Path) -> None:
+        self.lines: list[str] = []
+        self.advanced: list[tuple[int, int]] = []
+        self.job = Job(folder, True, 1, self.lines.append, lambda *at: self.advanced.append(at))
+
+
+def test_figures_are_those_of_each_method_alone(tmp_path: Path) -> None:
+    said = Said(tmp_path)
+    values = hold(CONTEST, said.job)
+    assert "SIMULATED: 2 methods on 1 drive of road/" in said.lines[0]
+    assert said.advanced == [(1, 1)]
+    (address,) = values["drives"]
+    assert "split=test" in address and "seed=31" in address
+    named = [make_controller(spec, seed=0, networks={}) for spec in (BRIGHT, DARK)]
+    alone = run_solo(address, named, seed=31, frames=40)
+    for solo, method in zip(alone, ("bright", "dark"), strict=True):
+        row = values["methods"][method]
+        (drive,) = row["by_drive"]
+        assert drive == row["mean"] and set(drive) == set(FIGURES)
+        for name, statistics in solo.inliers.items():
+            assert drive[f"{name}_median"] == statistics.median
+            assert drive[f"{name}_min"] == statistics.min
+    bright, dark = (
+        values["methods"][method]["mean"]["orb_median"] for method in ("bright", "dark")
+    )
+    assert bright > dark >= 0
+    assert 0 <= values["methods"]["bright"]["mean"]["processed_pct"] <= 100
+
+
+def test_a_drive_is_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = hold(CONTEST, Said(tmp_path).job)
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("driven again")
+
+    monkeypatch.setattr(contests, "run_solo", refused)
+    said = Said(tmp_path)
+    assert hold(CONTEST, said.job) == first
+    assert said.lines[0].endswith("1 of them driven before")
+    others = replace(CONTEST, methods={**CONTEST.methods, "dark": BRIGHT})
+    with pytest.raises(AssertionError, match="driven again"):
+        hold(others, Said(tmp_path).job)
+
+
+def test_words_tell_ratios_beside_the_published_ones() -> None:
+    def row(median: float, worst: float | None) -> dict[str, float | None]:
+        return dict.fromkeys(FIGURES, 1.0) | {"orb_median": median, "orb_min": worst}
+
+    found = [
+        {BRIGHT: row(300, 20), DARK: row(100, 0)},
+        {BRIGHT: row(500, 40), DARK: row(300, None)},
+    ]
+    drives = [contests.Drive(f"sim:wall?seed={seed}", seed, 40, (BRIGHT, DARK)) for seed in (1, 2)]
+    values = contests.table(CONTEST, drives, "wall/9", found)
+    first, second = values["duels"]
+    assert first["ratios"]["orb_median"]["ratio"] == pytest.approx(2.0)
+    low, high = first["ratios"]["orb_median"]["ci95"]
+    assert low <= 2.0 <= high
+    assert first["ratios"]["orb_min"] == {"ratio": None, "ci95": None}
+    assert second["published"] == {}
+    text = words(values)
+    assert "2 drives" in text and "| bright (`" + BRIGHT + "`) | 400 | 30 | 1 |" in text
+    assert "; 1.50 |" in text and "rival has 0; rival had 0" in text
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_table_can_be_held(name: str) -> None:
+    contest = TABLES[name]
+    for spec in contest.methods.values():
+        make_controller(spec, seed=0, networks=shipped_networks())
+    assert set(contest.figures) <= set(FIGURES)
+    for duel in contest.compared:
+        assert {duel.network, duel.rival} <= set(contest.methods)
+        assert set(duel.published) <= set(contest.figures)
+    assert name.lower().replace("_", "-", 1).replace("_", ".") in ITEMS
