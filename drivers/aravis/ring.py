@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import threading
 import weakref
 from collections.abc import Callable
 
@@ -18,20 +17,23 @@ KEPT_BACK = 8
 
 
 class Ring:
-    """Slots of `size_bytes`; `push` hands a slot back to the camera."""
+    """Slots of `size_bytes`; `push` hands a slot back to the camera.
+
+    A view can end in any thread and in the middle of `take`, when Python collects garbage: there is
+    no lock that such an end could wait for.
+    """
 
     def __init__(self, size_bytes: int, push: Callable[[int], None]) -> None:
         self._size_bytes = size_bytes
         self._push = push
         self._slots = [np.empty(size_bytes, np.uint8) for _ in range(RING_PICTURES)]
-        self._lock = threading.Lock()
-        self._lent = 0
+        self._lent: set[int] = set()
         self._open = True
 
     @property
     def lent(self) -> int:
         """Return how many slots somebody looks at."""
-        return self._lent
+        return len(self._lent)
 
     def address(self, slot: int) -> int:
         """Return where a slot lies in memory."""
@@ -42,12 +44,11 @@ class Ring:
 
         While many slots are lent the bytes are copied, so that the camera never runs dry.
         """
-        if self._lent >= RING_PICTURES - KEPT_BACK:
+        if self.lent >= RING_PICTURES - KEPT_BACK:
             copy = self._slots[slot][:size_bytes].copy()
             self.give_back(slot)
             return copy
-        with self._lock:
-            self._lent += 1
+        self._lent.add(slot)
         lease = (ctypes.c_uint8 * size_bytes).from_buffer(self._slots[slot].data)
         weakref.finalize(lease, self._returned, slot).atexit = False
         return np.frombuffer(memoryview(lease).cast("B"), np.uint8)
@@ -62,6 +63,5 @@ class Ring:
         self._open = False
 
     def _returned(self, slot: int) -> None:
-        with self._lock:
-            self._lent -= 1
+        self._lent.discard(slot)
         self.give_back(slot)

@@ -88,6 +88,16 @@ class Plug:
         """Return how many packets nobody has taken."""
         return int(self._library.stand_in_unsent(self._number))
 
+    def state(self) -> str:
+        """Return where packets and transfers are, for whoever waits in vain."""
+        counts = [ctypes.c_int() for _ in range(3)]
+        self._library.stand_in_count(self._number, *(ctypes.byref(count) for count in counts))
+        waiting, filled, cut_short = (count.value for count in counts)
+        return (
+            f"{self.unsent()} packets nobody took; transfers: {waiting} waiting, "
+            f"{filled} filled and not told, {cut_short} cut short"
+        )
+
     def forget(self) -> None:
         """Drop the packets that nobody has taken."""
         self._library.stand_in_forget(self._number)

@@ -186,7 +186,12 @@ class StreamInStep:
             if not self._pair.world.run_until(self._came, deadline_ns):
                 return None
         self._taken += 1
-        return self._stream.pop(COMES_S)
+        arrived = self._stream.pop(COMES_S)
+        assert arrived is not None, (
+            f"picture {self._taken} of {self._camera.serial} was sent and did not come through "
+            f"Aravis in {COMES_S:g} s: {self._camera.plug.state()}"
+        )
+        return arrived
 
     def _came(self) -> bool:
         self._pair.deliver()

@@ -259,6 +259,17 @@ int stand_in_unsent(int number)
     return count;
 }
 
+/* Tell how many transfers wait for the camera, are filled, are cut short. */
+void stand_in_count(int number, int *waiting, int *filled, int *cut_short)
+{
+    *waiting = *filled = *cut_short = 0;
+    pthread_mutex_lock(&lock);
+    for (struct waiting *each = cameras[number].waiting; each; each = each->next) {
+        *(each->cancelled || each->orphaned ? cut_short : each->filled ? filled : waiting) += 1;
+    }
+    pthread_mutex_unlock(&lock);
+}
+
 void stand_in_forget(int number)
 {
     pthread_mutex_lock(&lock);
