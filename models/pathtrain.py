@@ -131,7 +131,7 @@ def train_paths(
         parameters=sum(weights.numel() for weights in network.parameters()),
     )
     write_path_card(result)
-    curves = [(f"seed {f.recipe.seed}", [stage.loss for stage in f.history]) for f in fits]
+    curves = {f"seed {f.recipe.seed}": [stage.loss for stage in f.history] for f in fits}
     write_losses(out.with_suffix(".svg"), curves, "stage")
     for member in range(members):
         _checkpoint(out, member).unlink(missing_ok=True)

@@ -104,10 +104,10 @@ def train(
     return result
 
 
-def _curves(fit: Fit) -> list[tuple[str, list[float]]]:
+def _curves(fit: Fit) -> dict[str, list[float]]:
     held_back = [loss.validation for loss in fit.history if loss.validation is not None]
-    curves = [("training, with dropout", [loss.training for loss in fit.history])]
-    return [*curves, ("held back", held_back)] if held_back else curves
+    curves = {"training, with dropout": [loss.training for loss in fit.history]}
+    return curves | {"held back": held_back} if held_back else curves
 
 
 def _fit(

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from rig.cli.exits import OK
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError
-from rig.experiments.reproduce import ITEMS, Job, find_item, run_item
+from rig.experiments.reproduce import ITEMS, Job, Outcome, find_item, run_item
 
 DEFAULT_FOLDER = Path("runs") / "reproduce"
 
@@ -38,7 +38,7 @@ def reproduce(
     list_items:
         Name every experiment and what it shows, and run none.
     out:
-        Folder of the results: values as JSON, words as Markdown, one file an experiment.
+        Folder of the results: values as JSON, words as Markdown, figures as SVG.
     processes:
         How many to work in; one a core when absent.
     """
@@ -55,13 +55,20 @@ def reproduce(
         terminal.say(f"{name}: {ITEMS[name].shows}; in {folder}")
         with terminal.progress(name, None) as advance:
             job = Job(folder, quick, processes, terminal.say, advance)
-            values, text = run_item(name, job)
-        (folder / f"{name}.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-        (folder / f"{name}.md").write_text(text + "\n", encoding="utf-8")
-        results[name] = values
-        texts.append(f"{name}\n\n{text}\n")
+            outcome = run_item(name, job)
+        _write(folder, name, outcome)
+        results[name] = outcome.values
+        texts.append(f"{name}\n\n{outcome.words}\n")
     terminal.result("\n".join(texts), results)
     return OK
+
+
+def _write(folder: Path, name: str, outcome: Outcome) -> None:
+    values = json.dumps(outcome.values, indent=2)
+    (folder / f"{name}.json").write_text(values + "\n", encoding="utf-8")
+    (folder / f"{name}.md").write_text(outcome.words + "\n", encoding="utf-8")
+    if outcome.svg:
+        (folder / f"{name}.svg").write_text(outcome.svg, encoding="utf-8")
 
 
 def work_folder(out: Path, name: str, quick: bool) -> Path:

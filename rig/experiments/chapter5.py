@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from rig.experiments.contests import Contest, Duel, hold
+from rig.experiments.contests import draw as draw
 from rig.experiments.contests import words as words
 
 INLIERS = ("orb_median", "viso2_median", "orb_min", "viso2_min")

@@ -25,6 +25,7 @@ from rig.evaluation.odometry import mean_inlier_pct, processed_pct
 from rig.experiments.reproduce import Job
 from rig.experiments.solo import Solo, run_solo
 from rig.models.shipped import shipped_networks
+from rig.plot import Bars, svg
 
 FIGURES: Mapping[str, str] = {
     "orb_median": "ORB median",
@@ -116,6 +117,22 @@ def words(values: Mapping[str, Any]) -> str:
         cells = " | ".join(_compared(duel, name) for name in names)
         lines.append(f"| {duel['network']} over {duel['rival']} | {cells} |")
     return "\n".join(lines)
+
+
+def draw(values: Mapping[str, Any]) -> str:
+    """Return the figures as bars, a panel each, with a dot a drive."""
+    panels = [
+        Bars(
+            FIGURES[name],
+            {method: _of_drives(row, name) for method, row in values["methods"].items()},
+        )
+        for name in values["figures"]
+    ]
+    return svg(panels)
+
+
+def _of_drives(row: Mapping[str, Any], name: str) -> list[float]:
+    return [drive[name] for drive in row["by_drive"] if drive[name] is not None]
 
 
 def _drives(contest: Contest, quick: bool) -> list[Drive]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rig.core.errors import RigError
 from rig.core.types import Intrinsics
 from rig.experiments.reproduce import Job
+from rig.plot import Curve, Curves, svg
 from rig.vision.matching import mutual_matches
 from rig.vision.orb import OrbFrontEnd
 
@@ -250,6 +251,19 @@ def words(values: dict[str, Any]) -> str:
     for name, needs in values["missing"].items():
         lines.append(f"{name} is not installed here: {needs}")
     return "\n".join(lines).strip()
+
+
+def draw(values: dict[str, Any]) -> str:
+    """Return the errors of both matrices over the limit on features, a curve a source."""
+    return svg([_errors(values, name) for name in ("essential", "rotation")])
+
+
+def _errors(values: dict[str, Any], name: str) -> Curves:
+    curves = []
+    for source, told in values["sources"].items():
+        known = [(c, e) for c, e in zip(values["caps"], told[name], strict=True) if e is not None]
+        curves.append(Curve(source, [cap for cap, _ in known], [error for _, error in known]))
+    return Curves(f"{name} matrix", curves, "features at most", "error", True, True)
 
 
 _COLUMNS = ("essential", "rotation", "inliers", "failed")

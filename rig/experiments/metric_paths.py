@@ -27,6 +27,7 @@ from rig.drivers.scenes.scene import Scene
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.source import SimulatedSource
 from rig.experiments.reproduce import Job
+from rig.plot import Curve, Curves, svg
 from rig.vision.bayer import to_bgr, to_grey
 from rig.vision.metrics import score
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
@@ -144,6 +145,39 @@ def words(values: Mapping[str, Any]) -> str:
     for figure, best in values["best"].items():
         lines.append(f"| {figure} | " + " | ".join(f"{best[name]}" for name in names) + " |")
     return "\n".join(lines)
+
+
+def draw(values: Mapping[str, Any]) -> str:
+    """Return fig. 3.1 (metrics over exposure at one place) and 4.8 (along it), a row a trajectory.
+
+    Metrics have units of their own: each is drawn from its lowest value there (0) to its best (1).
+    """
+    panels = [
+        panel
+        for name, row in values["trajectories"].items()
+        for panel in (_over_exposure(name, row), _along(name, row))
+    ]
+    return svg(panels)
+
+
+def _over_exposure(name: str, row: Mapping[str, Any]) -> Curves:
+    named = {"features": "feat", "uniformity": "uni", **LITERATURE}
+    curves = [
+        Curve(metric, row["exposures_us"], _shares(row["scores_of_middle"][key]))
+        for key, metric in named.items()
+    ]
+    return Curves(f"{name}: middle place", curves, "exposure, us", "share", log_across=True)
+
+
+def _shares(values: Sequence[float]) -> list[float]:
+    low, high = min(values), max(values)
+    return [(value - low) / (high - low) if high > low else 0.0 for value in values]
+
+
+def _along(name: str, row: Mapping[str, Any]) -> Curves:
+    paths = row["paths"]
+    curves = [Curve(m, range(1, len(paths[m]["inliers"]) + 1), paths[m]["inliers"]) for m in paths]
+    return Curves(f"{name}: inliers", curves, "place", "ORB inliers")
 
 
 def choose_paths(seen: Seen) -> dict[str, Cells]:

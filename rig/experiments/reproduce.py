@@ -18,16 +18,26 @@ from rig.core.errors import UsageError
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One experiment: what it shows, the module, and its two functions there.
+    """One experiment: what it shows, the module, and its functions there.
 
     `run` is called with a Job and returns values for JSON; `words` with these values and returns
-    what a person reads.
+    what a person reads; `draw`, where there is one, with these values and returns an SVG.
     """
 
     shows: str
     module: str
     run: str
     words: str = "words"
+    draw: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What an experiment came to: values for JSON, words as Markdown, an SVG or nothing."""
+
+    values: dict[str, Any]
+    words: str
+    svg: str
 
 
 ITEMS: Mapping[str, Item] = {
@@ -50,6 +60,7 @@ ITEMS: Mapping[str, Item] = {
         "tables 4.2 to 4.4, figs. 3.1 and 4.8: what each image metric's choice is worth",
         "rig.experiments.metric_paths",
         "compare",
+        draw="draw",
     ),
     "table-4.1": Item(
         "parameters and forward passes of the networks, on one core of this machine",
@@ -68,9 +79,13 @@ ITEMS: Mapping[str, Item] = {
         "networks of four ways to make targets in static light",
         "rig.experiments.chapter5",
         "fig_5_7",
+        draw="draw",
     ),
     "fig-5.8": Item(
-        "networks of four ways to make targets in tunnels", "rig.experiments.chapter5", "fig_5_8"
+        "networks of four ways to make targets in tunnels",
+        "rig.experiments.chapter5",
+        "fig_5_8",
+        draw="draw",
     ),
     "table-5.3": Item(
         "dual-parameter network, AE+AG and Shin in static light",
@@ -89,11 +104,13 @@ ITEMS: Mapping[str, Item] = {
         "what four ways to make targets ask for along a drive through an underpass",
         "rig.experiments.target_profiles",
         "profiles",
+        draw="draw",
     ),
     "fig-4.7": Item(
         "whether more features in a picture give a better pose",
         "rig.experiments.feature_count",
         "measure",
+        draw="draw",
     ),
 }
 """Every experiment under the name by which `rig reproduce --only` finds it."""
@@ -123,9 +140,10 @@ def find_item(name: str) -> Item:
     raise UsageError(f"no experiment is called {name!r}; {hint}known: {', '.join(ITEMS)}")
 
 
-def run_item(name: str, job: Job) -> tuple[dict[str, Any], str]:
-    """Run an experiment and return its values and its words."""
+def run_item(name: str, job: Job) -> Outcome:
+    """Run an experiment."""
     item = find_item(name)
     module = import_module(item.module)
     values: dict[str, Any] = getattr(module, item.run)(job)
-    return values, getattr(module, item.words)(values)
+    svg = getattr(module, item.draw)(values) if item.draw else ""
+    return Outcome(values, getattr(module, item.words)(values), svg)

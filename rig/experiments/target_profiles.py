@@ -23,6 +23,7 @@ from rig.experiments.reproduce import Job
 from rig.loop import run_pair
 from rig.models.measuring import stretches
 from rig.models.metrics import METRICS, TargetMetric, Window
+from rig.plot import Curve, Curves, svg
 
 WAYS: Mapping[str, tuple[str, Window]] = {
     "feat": ("feat", Window(1)),
@@ -91,6 +92,17 @@ def words(values: Mapping[str, Any]) -> str:
     lines += ["| targets | mean change of brightness from pose to pose, stops |", "|---|---|"]
     lines += [f"| {name} | {row['jump_ev']:.3f} |" for name, row in values["profiles"].items()]
     return "\n".join(lines)
+
+
+def draw(values: Mapping[str, Any]) -> str:
+    """Return the profiles of exposure and gain over the poses."""
+    profiles = values["profiles"]
+
+    def over_poses(key: str) -> list[Curve]:
+        return [Curve(way, range(len(row[key])), row[key]) for way, row in profiles.items()]
+
+    exposures = Curves("Exposure", over_poses("exposure_us"), "pose", "us", log_up=True)
+    return svg([exposures, Curves("Gain", over_poses("gain_db"), "pose", "dB")], columns=1)
 
 
 def _ev(targets: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Any:

@@ -9,7 +9,7 @@ import pytest
 
 from rig.controllers.registry import make_controller
 from rig.experiments import chapter5, contests
-from rig.experiments.contests import FIGURES, Contest, Duel, hold, words
+from rig.experiments.contests import FIGURES, Contest, Duel, draw, hold, words
 from rig.experiments.reproduce import ITEMS, Job
 from rig.experiments.solo import run_solo
 from rig.models.shipped import shipped_networks
@@ -92,6 +92,7 @@ def test_words_tell_ratios_beside_the_published_ones() -> None:
     assert low <= 2.0 <= high
     assert first["ratios"]["orb_min"] == {"ratio": None, "ci95": None}
     assert second["published"] == {}
+    assert "300" in draw(values) and "ORB minimum" in draw(values)
     text = words(values)
     assert "2 drives" in text and "| bright (`" + BRIGHT + "`) | 400 | 30 | 1 |" in text
     assert "; 1.50 |" in text and "rival has 0; rival had 0" in text

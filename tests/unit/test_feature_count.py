@@ -103,7 +103,9 @@ def test_a_real_pair_of_pictures_shows_the_figures_trend(
     errors = dict(zip(feature_count.CAPS, told["essential"], strict=True))
     assert errors[500] < 0.2 * errors[50]
     assert errors[10_000] < 0.02
-    assert "| 10000 |" in (tmp_path / "fig-4.7-quick" / "fig-4.7.md").read_text()
+    folder = tmp_path / "fig-4.7-quick"
+    assert "| 10000 |" in (folder / "fig-4.7.md").read_text()
+    assert (folder / "fig-4.7.svg").read_text().count("<polyline") == 2
 
 
 def test_a_package_that_is_not_there_is_none() -> None:

@@ -15,6 +15,7 @@ from rig.experiments.metric_paths import (
     Trajectory,
     choose_paths,
     compare_plan,
+    draw,
     words,
 )
 from rig.experiments.reproduce import Job
@@ -48,6 +49,8 @@ def test_a_small_plan_gives_all_tables(tmp_path: Path) -> None:
     assert values["best"]["median"]["grid"] >= 1
     text = words(values)
     assert "Table 4.2" in text and "Table 4.4" in text and "| Road |" in text
+    names = {*FRONT_END, *LITERATURE.values()}
+    assert draw(values).count("<polyline") == len(names - {"grid", "seq"}) + len(names)
 
 
 def test_windowed_targets_jump_less_than_those_of_the_next_pose(tmp_path: Path) -> None:
@@ -55,6 +58,7 @@ def test_windowed_targets_jump_less_than_those_of_the_next_pose(tmp_path: Path) 
     values = target_profiles.profiles(job)
     rows = values["profiles"]
     assert set(rows) == set(target_profiles.WAYS)
+    assert target_profiles.draw(values).count("<polyline") == 2 * len(rows)
     assert rows["feat"]["jump_ev"] > rows["feat, windowed"]["jump_ev"] > 0
     mean = np.mean([rows[f"{w}, windowed"]["gain_db"] for w in ("feat", "grid")], axis=0)
     assert np.allclose(rows["hybrid, windowed"]["gain_db"], mean)
