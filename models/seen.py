@@ -19,7 +19,8 @@ from rig.config import load_camera_model
 from rig.core.errors import UsageError
 from rig.core.types import Settings, Truth
 from rig.core.units import US_PER_S
-from rig.drivers.registry import open_source, parse_address
+from rig.drivers.addresses import parse_address
+from rig.drivers.registry import open_source
 from rig.drivers.scenes.cache import Arrays, cached
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.trajectories import Pose

@@ -23,7 +23,8 @@ from rig.controllers.policies import CollectPolicy, SweepPolicy, exposure_sweep
 from rig.core.clock import SystemClock
 from rig.core.errors import UsageError
 from rig.core.types import Pair
-from rig.drivers.registry import STAND, open_source
+from rig.drivers.registry import open_source
+from rig.drivers.simulated.options import STAND
 
 
 @Parameter(name="*")

@@ -18,7 +18,7 @@ from rig.cli.race import parse_seeds
 from rig.cli.terminal import Terminal
 from rig.cli.web import DEFAULT_WEB
 from rig.core.errors import RigError, UsageError
-from rig.drivers.registry import parse_address
+from rig.drivers.addresses import parse_address
 
 MANIFEST = "manifest.json"
 SCHEMA = "rig.manifest/1"

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from rig.bulk import Workers, run_tasks
 from rig.core.errors import UsageError
 from rig.core.types import Settings
-from rig.drivers.registry import Address, open_source, parse_address
+from rig.drivers.addresses import Address, parse_address
+from rig.drivers.registry import open_source
 from rig.drivers.scenes.cache import cache_folder, cached
 from rig.drivers.simulated.source import SimulatedSource
 from rig.experiments.sweeps import Bench, Counts, SettingsGrid, settings_grid

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from rig.core.errors import RecordingError, UsageError
 from rig.core.types import Settings
-from rig.drivers.registry import open_source, parse_address
+from rig.drivers.addresses import parse_address
+from rig.drivers.registry import open_source
 from rig.drivers.simulated.program import round_settings
 from rig.drivers.simulated.source import SimulatedSource, photographer
 from rig.vision.bayer import to_bgr

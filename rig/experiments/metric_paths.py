@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from rig.bulk import Workers, run_tasks
 from rig.config import load_camera_model
 from rig.controllers.policies import exposure_sweep
-from rig.drivers.registry import open_source, parse_address
+from rig.drivers.addresses import parse_address
+from rig.drivers.registry import open_source
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.source import SimulatedSource

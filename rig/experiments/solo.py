@@ -18,7 +18,8 @@ from rig.controllers.registry import NamedController
 from rig.core.errors import UsageError
 from rig.core.types import THESIS_LIMITS, Frame, Intrinsics, Settings
 from rig.core.units import NS_PER_S
-from rig.drivers.registry import open_source, parse_address
+from rig.drivers.addresses import parse_address
+from rig.drivers.registry import open_source
 from rig.drivers.scenes.scene import View
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.program import ExposureProgram

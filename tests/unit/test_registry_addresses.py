@@ -11,7 +11,8 @@ import pytest
 
 from rig.core.errors import ConfigError, RigError, UsageError
 from rig.core.types import Intrinsics, Settings, Side
-from rig.drivers.registry import open_source, parse_address
+from rig.drivers.addresses import parse_address
+from rig.drivers.registry import open_source
 from rig.drivers.scenes import worlds
 
 
