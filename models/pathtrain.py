@@ -14,6 +14,7 @@ from rig.core.errors import UsageError
 from rig.models.cars import NetworkCars, Score, scores
 from rig.models.export import Parity, Proof, write_proven
 from rig.models.fit import Checkpoint
+from rig.models.grid import SettingsGrid
 from rig.models.names import SCORE_MAPS
 from rig.models.pathfit import PathFit, PathRecipe, StageProgress, StageResult
 from rig.models.paths import DriveSource, PathTargets
@@ -77,55 +78,30 @@ def train_paths(
     """
     from rig.models.pathcard import write_path_card
 
-    if members < 1:
-        raise UsageError(f"--members must be at least 1, got {members}")
-    if net not in SCORE_MAPS:
-        raise UsageError(f"{net} does not learn from path targets; choose {', '.join(SCORE_MAPS)}")
-    if out.suffix != ".onnx":
-        raise UsageError(f"--out must end in .onnx, got {out}")
-    refuse_existing(out)
-    files = [PathTargets.load(path) for path in targets]
-    grid = files[0].grid
-    if any(file.grid != grid for file in files):
-        raise UsageError("the target files have different grids of settings: make them anew")
-    sources = [source for file in files for source in file.sources]
-    drives = [drive for file in files for drive in file.drives]
-    split = hold_back(sources, held_back, recipe.seed)
-    digest = hashlib.sha256(" ".join(source.sha256 for source in sources).encode()).hexdigest()
-    training, judging = (_of(drives, sources, part) for part in (split.training, split.held_back))
+    _check(net, out, members)
+    data = _load(targets, held_back, recipe.seed)
+    recipes = [replace(recipe, seed=recipe.seed + member) for member in range(members)]
     fits = []
-    for member in range(members):
-        own = replace(recipe, seed=recipe.seed + member)
-        fit = PathFit(own, grid, training, judging)
-        told = repr((net, own, digest, [source.sha256 for source in split.held_back]))
+    for member, own in enumerate(recipes):
+        fit = PathFit(own, data.grid, data.training, data.judging)
+        told = repr((net, own, data.sha256, [source.sha256 for source in data.split.held_back]))
         _finish(fit, Checkpoint(_checkpoint(out, member), told), partial(progress, member))
         fits.append(fit)
     networks = [fit.best_network() for fit in fits]
     network = networks[0] if members == 1 else ScoreMapEnsemble(networks)
-    parity = write_proven(
-        network,
-        network,
-        out,
-        Proof(*fits[0].proof_samples(PROOF_SAMPLES)),
-        {
-            "net": net,
-            "picture": "thumbnail",
-            "training_sha256": digest,
-            "seed": str(recipe.seed),
-            "input": INPUT,
-        },
-        half=half,
-    )
+    proof = Proof(*fits[0].proof_samples(PROOF_SAMPLES))
+    metadata = _metadata(net, data.sha256, recipe.seed)
+    parity = write_proven(network, network, out, proof, metadata, half=half)
     result = PathTrainingResult(
         model=out,
         card=out.with_suffix(".md"),
         net=net,
         recipe=recipe,
         files=tuple(targets),
-        split=split,
+        split=data.split,
         members=tuple(Member(f.recipe.seed, tuple(f.history), f.best_stage) for f in fits),
-        together=tuple(scores(NetworkCars(network.eval()), judging, grid)),
-        training_sha256=digest,
+        together=tuple(scores(NetworkCars(network.eval()), data.judging, data.grid)),
+        training_sha256=data.sha256,
         half=half,
         parity=parity,
         parameters=sum(weights.numel() for weights in network.parameters()),
@@ -136,6 +112,50 @@ def train_paths(
     for member in range(members):
         _checkpoint(out, member).unlink(missing_ok=True)
     return result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drives:
+    """What is learned from, what is judged by, and the digest of both."""
+
+    grid: SettingsGrid
+    split: Split[DriveSource]
+    training: list[SeenDrive]
+    judging: list[SeenDrive]
+    sha256: str
+
+
+def _check(net: str, out: Path, members: int) -> None:
+    if members < 1:
+        raise UsageError(f"--members must be at least 1, got {members}")
+    if net not in SCORE_MAPS:
+        raise UsageError(f"{net} does not learn from path targets; choose {', '.join(SCORE_MAPS)}")
+    if out.suffix != ".onnx":
+        raise UsageError(f"--out must end in .onnx, got {out}")
+    refuse_existing(out)
+
+
+def _load(targets: Sequence[Path], held_back: Sequence[str], seed: int) -> _Drives:
+    files = [PathTargets.load(path) for path in targets]
+    grid = files[0].grid
+    if any(file.grid != grid for file in files):
+        raise UsageError("the target files have different grids of settings: make them anew")
+    sources = [source for file in files for source in file.sources]
+    drives = [drive for file in files for drive in file.drives]
+    split = hold_back(sources, held_back, seed)
+    training, judging = (_of(drives, sources, part) for part in (split.training, split.held_back))
+    digest = hashlib.sha256(" ".join(source.sha256 for source in sources).encode()).hexdigest()
+    return _Drives(grid, split, training, judging, digest)
+
+
+def _metadata(net: str, training_sha256: str, seed: int) -> dict[str, str]:
+    return {
+        "net": net,
+        "picture": "thumbnail",
+        "training_sha256": training_sha256,
+        "seed": str(seed),
+        "input": INPUT,
+    }
 
 
 def _checkpoint(out: Path, member: int) -> Path:

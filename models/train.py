@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from rig.models.export import export_network, int8_file
 from rig.models.fit import Checkpoint, Fit, Progress, Recipe, identity
 from rig.models.plot import write_losses
 from rig.models.search import best_recipe
-from rig.models.split import hold_back
-from rig.models.targets import Targets, refuse_existing
+from rig.models.split import Split, hold_back
+from rig.models.targets import RecordingSource, Targets, refuse_existing
 from rig.models.timing import cost_of
 
 PROOF_SAMPLES = 64
@@ -51,48 +52,36 @@ def train(
     diverges, or leaves a network that answers all alike or not nearly the same in integers.
     """
     recipe = Recipe(net, seed, epochs, batch_size, learning_rate, patience)
-    _require_new(out)
-    if int8:
-        refuse_existing(int8_file(out))
-    if not targets:
-        raise UsageError("no target files given: make one with `rig targets`")
-    files = [Targets.load(path) for path in targets]
-    split = hold_back([source for file in files for source in file.recordings], held_back, seed)
-    training = Samples(files, frozenset(source.sha256 for source in split.training))
-    validation = Samples(files, frozenset(source.sha256 for source in split.held_back))
-    if len(training) < 2:
-        raise ModelError(f"{len(training)} training samples are too few: record more")
-    digest = _sha256(targets)
-    log = out.with_suffix(f".{digest[:8]}.search")
+    _require_new(out, int8)
+    data = _load(targets, held_back, seed)
+    tell = progress or (lambda _: None)
+    log = out.with_suffix(f".{data.sha256[:8]}.search")
     if search:
-        report = progress or (lambda _: None)
-        recipe = best_recipe(recipe, search, training, validation, log, report)
-    checkpoint = Checkpoint(
-        out.with_suffix(".checkpoint"),
-        identity(recipe, digest, [source.sha256 for source in split.held_back]),
-    )
-    fit = _fit(recipe, checkpoint, training, validation, progress or (lambda _: None))
+        recipe = best_recipe(recipe, search, data.training, data.validation, log, tell)
+    told = identity(recipe, data.sha256, [source.sha256 for source in data.split.held_back])
+    checkpoint = Checkpoint(out.with_suffix(".checkpoint"), told)
+    fit = _fit(recipe, checkpoint, data, tell)
     parity = export_network(
         fit.best_network(),
         out,
-        _spread(validation if len(validation) else training, PROOF_SAMPLES),
+        _spread(data.validation if len(data.validation) else data.training, PROOF_SAMPLES),
         net=net,
-        training_sha256=digest,
+        training_sha256=data.sha256,
         seed=seed,
         half=half,
-        calibration=_spread(training, CALIBRATION_SAMPLES) if int8 else None,
+        calibration=_spread(data.training, CALIBRATION_SAMPLES) if int8 else None,
     )
     result = TrainingResult(
         model=out,
         card=out.with_suffix(".md"),
         recipe=recipe,
-        files=tuple(zip(targets, files, strict=True)),
-        split=split,
-        training_samples=len(training),
-        validation_samples=len(validation),
+        files=tuple(zip(targets, data.files, strict=True)),
+        split=data.split,
+        training_samples=len(data.training),
+        validation_samples=len(data.validation),
         history=tuple(fit.history),
         best_epoch=fit.best_epoch,
-        training_sha256=digest,
+        training_sha256=data.sha256,
         half=half,
         parity=parity,
         costs=(cost_of(out), cost_of(int8_file(out))) if int8 else None,
@@ -104,32 +93,51 @@ def train(
     return result
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Data:
+    """What is learned from and validated on, and the digest of both."""
+
+    files: list[Targets]
+    split: Split[RecordingSource]
+    training: Samples
+    validation: Samples
+    sha256: str
+
+
+def _load(targets: Sequence[Path], held_back: Sequence[str], seed: int) -> _Data:
+    if not targets:
+        raise UsageError("no target files given: make one with `rig targets`")
+    files = [Targets.load(path) for path in targets]
+    split = hold_back([source for file in files for source in file.recordings], held_back, seed)
+    training = Samples(files, frozenset(source.sha256 for source in split.training))
+    validation = Samples(files, frozenset(source.sha256 for source in split.held_back))
+    if len(training) < 2:
+        raise ModelError(f"{len(training)} training samples are too few: record more")
+    return _Data(files, split, training, validation, _sha256(targets))
+
+
 def _curves(fit: Fit) -> dict[str, list[float]]:
     held_back = [loss.validation for loss in fit.history if loss.validation is not None]
     curves = {"training, with dropout": [loss.training for loss in fit.history]}
     return curves | {"held back": held_back} if held_back else curves
 
 
-def _fit(
-    recipe: Recipe,
-    checkpoint: Checkpoint,
-    training: Samples,
-    validation: Samples,
-    progress: Progress,
-) -> Fit:
+def _fit(recipe: Recipe, checkpoint: Checkpoint, data: _Data, progress: Progress) -> Fit:
     with torch.random.fork_rng():
         fit = Fit(recipe)
         checkpoint.resume(fit)
         while not fit.finished:
-            fit.epoch(training, validation, progress)
+            fit.epoch(data.training, data.validation, progress)
             checkpoint.save(fit)
     return fit
 
 
-def _require_new(out: Path) -> None:
+def _require_new(out: Path, int8: bool) -> None:
     if out.suffix != ".onnx":
         raise UsageError(f"--out must end in .onnx, got {out}")
     refuse_existing(out)
+    if int8:
+        refuse_existing(int8_file(out))
     out.parent.mkdir(parents=True, exist_ok=True)
 
 
