@@ -94,7 +94,7 @@ class Panel(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """A panel of curves; `across` and `up` name the axes. Not a curve without points."""
+    """A panel of curves; `across` and `up` name the axes."""
 
     title: str
     curves: Sequence[Curve]
@@ -141,7 +141,7 @@ class Bars:
         return list(self.bars)
 
     def draw(self, colours: Colours) -> Iterator[str]:
-        """Yield the frame, then each bar with its mean written on top."""
+        """Yield the frame, then each bar with its mean written below."""
         top = max((value for values in self.bars.values() for value in values), default=0.0)
         y = Scale(0.0, 1.08 * top or 1.0)
         yield from _frame(self.title, "", y)

@@ -134,3 +134,9 @@ def run_solo(
             for seat in seats:
                 seat.shoot(view, sensor, source, trigger)
         return [seat.result(source.world_version) for seat in seats]
+
+
+def world_version(address: str) -> str:
+    """Return the version of the world that a sim: address names."""
+    with closing(open_source(address, seed=0)) as source:
+        return source.world_version

@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,12 +20,11 @@ from typing import Any
 from rig.bulk import Workers, run_all
 from rig.controllers.registry import make_controller
 from rig.core.errors import RigError, UsageError
-from rig.drivers.registry import open_source
 from rig.drivers.scenes.worlds import NAMES
 from rig.evaluation.front_ends import FRONT_ENDS
 from rig.experiments.reproduce import Job
 from rig.experiments.rivals import CONSTANTS, QUICK, RIVALS, Variants
-from rig.experiments.solo import Solo, run_solo
+from rig.experiments.solo import Solo, run_solo, world_version
 
 MATCHES_SPARED = 20
 """Added to a minimum: the inliers under which a pair is blind."""
@@ -356,8 +354,7 @@ def _still_true(races: list[Race]) -> list[Race]:
 
 
 def _world_version(world: str, seed: int) -> str:
-    with closing(open_source(_address(world, seed, "320x240"), seed=seed)) as source:
-        return source.world_version
+    return world_version(_address(world, seed, "320x240"))
 
 
 def _estimate(

@@ -5,18 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rig.controllers.registry import make_controller
+from rig.evaluation.odometry import Step
 from rig.experiments import chapter5, contests
 from rig.experiments.contests import FIGURES, Contest, Duel, draw, hold, words
 from rig.experiments.reproduce import ITEMS, Job
-from rig.experiments.solo import run_solo
+from rig.experiments.solo import Solo, run_solo
 from rig.models.shipped import shipped_networks
+from rig.vision.viso2.motion import Failure
 
 BRIGHT, DARK = "fixed:exposure_us=1000,gain_db=0", "fixed:exposure_us=75,gain_db=0"
 CONTEST = Contest(
-    shows="bright against dark",
     world="road",
     seeds=(31, 32),
     figures=("orb_median", "orb_min", "processed_pct"),
@@ -59,6 +61,24 @@ def test_figures_are_those_of_each_method_alone(tmp_path: Path) -> None:
     )
     assert bright > dark >= 0
     assert 0 <= values["methods"]["bright"]["mean"]["processed_pct"] <= 100
+    for solo, method in zip(alone, ("bright", "dark"), strict=True):
+        lost = [bool(step.failure) for step in solo.steps]  # a road has no stops
+        found = values["methods"][method]["mean"]["lost_moving_pct"]
+        assert found == pytest.approx(100 * sum(lost) / len(lost))
+    assert values["methods"]["dark"]["mean"]["lost_moving_pct"] > 50
+
+
+def test_a_wait_is_no_loss() -> None:
+    def step(trigger: int, failure: Failure) -> Step:
+        told = None if failure else np.eye(4)
+        return Step(trigger, trigger - 1, 10, 5, failure, told)
+
+    steps = (step(1, ""), step(2, "too little motion"), step(3, "too little motion"), step(4, ""))
+    solo = Solo("any", "wall/9", {}, steps)
+    way_m = np.array([0.0, 0.5, 0.0, 0.5, 0.5])
+    figures = contests.figures_of(solo, way_m)
+    assert figures["processed_pct"] == 50
+    assert figures["lost_moving_pct"] == pytest.approx(100 / 3)
 
 
 def test_a_drive_is_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
