@@ -248,6 +248,7 @@ class Stream:
         if buffer is None:
             return None
         slot = self._slots[hash(buffer)]
+        self._ring.arrived(slot)
         status = buffer.get_status()
         if status != self._success:
             spoiled = Spoiled(status.value_nick.replace("-", " "), buffer.get_timestamp())

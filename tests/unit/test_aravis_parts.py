@@ -141,6 +141,21 @@ def test_the_camera_never_runs_dry() -> None:
     assert all(isinstance(image, np.ndarray) for image in kept)
 
 
+def test_the_slot_of_the_latest_picture_rests_until_the_next_one() -> None:
+    slots = Slots()
+    slots.ring.arrived(3)
+    slots.ring.give_back(3)
+    assert slots.back == []
+    slots.ring.arrived(4)
+    assert slots.back == [3]
+    image = slots.ring.take(4, 64)
+    slots.ring.arrived(5)
+    assert slots.back == [3]
+    del image
+    gc.collect()
+    assert slots.back == [3, 4]
+
+
 def test_a_closed_ring_keeps_what_is_looked_at() -> None:
     slots = Slots()
     image = slots.ring.take(0, 64)
