@@ -20,6 +20,7 @@ from rig.models.rollout import (
     Settings2,
     Trip,
     clamped,
+    lost_motions,
     matches,
     other_inliers,
     roll_out,
@@ -35,19 +36,28 @@ _START_DB = (0.0, 20.0)
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Matches of a journey by ground truth and expected viso2-style inliers, warm-up left out."""
+    """Matches of a journey by ground truth and expected viso2-style inliers, warm-up left out.
+
+    `lost` is the share, 0 to 1, of pairs that told visual odometry no motion where another setting
+    would have.
+    """
 
     median: float
     min: float
     other_median: float
     other_min: float
+    lost: float = 0.0
 
     def worth(self, front_end: str) -> float:
-        """Return log median and, at 0.3 of it, log minimum, in orb, viso2 or the mean of both."""
+        """Return log median and, at 0.3 of it, log minimum, in orb, viso2 or the mean of both.
+
+        Lost motions are viso2's.
+        """
         orb, viso2 = (
             math.log(median + 1) + 0.3 * math.log(least + 20)
             for median, least in ((self.median, self.min), (self.other_median, self.other_min))
         )
+        viso2 -= self.lost
         return {"orb": orb, "viso2": viso2, "both": (orb + viso2) / 2}[front_end]
 
 
@@ -183,8 +193,14 @@ def scores(
 
 
 def _score(drive: SeenDrive, grid: SettingsGrid, journey: Journey) -> Score:
-    counts = (
+    orb, viso2, lost = (
         count(drive, grid, journey.used, journey.trip)[WARM_UP_PAIRS - 1 :]
-        for count in (matches, other_inliers)
+        for count in (matches, other_inliers, lost_motions)
     )
-    return Score(*(float(reach(one)) for one in counts for reach in (np.median, np.min)))
+    return Score(
+        median=float(np.median(orb)),
+        min=float(orb.min()),
+        other_median=float(np.median(viso2)),
+        other_min=float(viso2.min()),
+        lost=float(lost.mean()),
+    )

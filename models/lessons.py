@@ -16,12 +16,14 @@ from rig.models.rollout import Journey
 from rig.models.scoremap import FRAMES
 from rig.models.seen import SeenDrive
 from rig.models.values import (
+    Staying,
     Utility,
     Values,
     change_worth,
     denoised,
     move_values,
     move_worth,
+    staying,
 )
 
 
@@ -63,12 +65,12 @@ class PathSamples:
 class _Lesson:
     """What a drive teaches in one light, for each of P-1 pairs.
 
-    `matched` is what the matches of each move are worth, S x S; `steady` the inliers of the other
-    front end where a setting stays, S; `following` what is worth having reached a setting, S.
+    `matched` is what the matches of each move are worth, S x S; `stays` what the other front end
+    gets where a setting stays, S; `following` what is worth having reached a setting, S.
     """
 
     matched: Values
-    steady: Values
+    stays: Staying
     following: Values
 
 
@@ -104,8 +106,9 @@ class Lessons:
         weights = corners.astype(np.float32)
         rows = pairs[:, None], cells
         matched = np.einsum("nc,ncs->ns", weights, lesson.matched[rows])
-        before = (weights * lesson.steady[rows]).sum(1)
-        after = lesson.steady[pairs]
+        stays = lesson.stays
+        before = Staying(*((weights * of[rows]).sum(1) for of in (stays.inliers, stays.told)))
+        after = Staying(stays.inliers[pairs], stays.told[pairs])
         besides = change_worth(before, after, asked, self._utility, self._grid)
         return np.asarray(matched + besides + lesson.following[pairs])
 
@@ -114,13 +117,13 @@ class Lessons:
         if (drive, light) not in self._known:
             like = self._grid.relit(light)
             seen, utility = self._drives[drive], self._utility
-            moves, steady = seen.moves[:, like][:, :, like], seen.steady[:, like]
-            matched, staying = utility.of(denoised(moves)), denoised(steady)
-            worth = move_worth(matched, staying, utility, self._grid)
+            matched = utility.of(denoised(seen.moves[:, like][:, :, like]))
+            stays = staying(seen.steady[:, like], seen.told[:, like])
+            worth = move_worth(matched, stays, utility, self._grid)
             values = move_values(worth, utility.discount)
             reached = np.concatenate([values[1:].max(2), np.zeros_like(values[:1, 0])])
             following = np.float32(utility.discount) * reached
-            self._known[drive, light] = _Lesson(matched, staying, following)
+            self._known[drive, light] = _Lesson(matched, stays, following)
         return self._known[drive, light]
 
 

@@ -129,7 +129,7 @@ The first learns from random behaviours, the others from the network's own drive
 {_trips(result)}
 
 | seed | stage | loss | held back, in closed loop: median / minimum of ORB's matches \
-(expected viso2-style inliers) of each drive | \
+(expected viso2-style inliers, and motions lost that another setting tells) of each drive | \
 the same, {max(result.recipe.chances.latencies)} frames late |
 |---|---|---|---|---|
 {table}"""
@@ -148,7 +148,8 @@ def _trips(result: PathTrainingResult) -> str:
 def _reached(scores: Sequence[Score]) -> str:
     return (
         ", ".join(
-            f"{one.median:.0f} / {one.min:.0f} ({one.other_median:.0f} / {one.other_min:.0f})"
+            f"{one.median:.0f} / {one.min:.0f} ({one.other_median:.0f} / {one.other_min:.0f}, "
+            f"{100 * one.lost:.1f} %)"
             for one in scores
         )
         or "-"

@@ -21,7 +21,7 @@ from rig.core.errors import RecordingError, UsageError
 from rig.models.grid import SettingsGrid, path_grid
 from rig.models.seen import SeenDrive, see_drives
 
-SCHEMA = "rig.paths/2"
+SCHEMA = "rig.paths/3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +59,7 @@ class PathTargets:
             arrays[f"thumbnails_{index}"] = drive.thumbnails
             arrays[f"moves_{index}"] = drive.moves
             arrays[f"steady_{index}"] = drive.steady
+            arrays[f"told_{index}"] = drive.told
         unfinished = path.with_name(path.name + ".part")
         with unfinished.open("wb") as file:
             np.savez(file, header=np.array(self._header()), **arrays)  # type: ignore[arg-type]
@@ -116,6 +117,7 @@ def _source(drive: SeenDrive) -> DriveSource:
     digest = hashlib.sha256(np.ascontiguousarray(drive.thumbnails).data)
     digest.update(np.ascontiguousarray(drive.moves).data)
     digest.update(np.ascontiguousarray(drive.steady).data)
+    digest.update(np.ascontiguousarray(drive.told).data)
     name = drive.cameras.removeprefix("sim:")
     poses = len(drive.thumbnails)
     return DriveSource(name, digest.hexdigest(), drive.cameras, drive.world_version, poses)
@@ -130,7 +132,7 @@ def _load(path: Path) -> PathTargets:
             SeenDrive(
                 cameras,
                 version,
-                *(file[f"{part}_{index}"] for part in ("thumbnails", "moves", "steady")),
+                *(file[f"{part}_{index}"] for part in ("thumbnails", "moves", "steady", "told")),
             )
             for index, (cameras, version) in enumerate(header["drives"])
         )

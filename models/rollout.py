@@ -119,14 +119,32 @@ def other_inliers(
     drive: SeenDrive, grid: SettingsGrid, used: Settings2, trip: Trip
 ) -> NDArray[np.float64]:
     """Return the P-1 viso2-style inliers to expect between consecutive pictures of a trip."""
+    kept = kept_share(np.diff(brightness_ev(used)))
+    return np.asarray(_poorer(drive.steady, grid, used, trip) * kept)
+
+
+def lost_motions(
+    drive: SeenDrive, grid: SettingsGrid, used: Settings2, trip: Trip
+) -> NDArray[np.float64]:
+    """Return how likely, 0 to 1, each of the P-1 pairs of a trip tells visual odometry no motion.
+
+    It is 0 where no setting would tell one: the vehicle stands.
+    """
+    lost = drive.told.any(1) - _poorer(drive.told, grid, used, trip)
+    return np.asarray(np.clip(lost, 0.0, 1.0))
+
+
+def _poorer(
+    counts: NDArray[np.int16] | NDArray[np.bool_], grid: SettingsGrid, used: Settings2, trip: Trip
+) -> NDArray[np.float64]:
+    """Return the lesser of what both settings of each pair of a trip have where they stay."""
     cells, weights = _relit_corners(grid, used, trip)
     pair = np.arange(len(used) - 1)[:, None]
     before, after = (
-        (drive.steady[pair, cells[ends]] * weights[ends]).sum(1)
+        (counts[pair, cells[ends]] * weights[ends]).sum(1)
         for ends in (slice(None, -1), slice(1, None))
     )
-    kept = kept_share(np.diff(brightness_ev(used)))
-    return np.asarray(np.minimum(before, after) * kept)
+    return np.asarray(np.minimum(before, after), np.float64)
 
 
 def _relit_corners(

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from rig.bulk import Workers, run_all
 from rig.config import load_camera_model
 from rig.core.errors import UsageError
-from rig.core.types import Settings, Truth
+from rig.core.types import Intrinsics, Settings, Truth
 from rig.core.units import US_PER_S
 from rig.drivers.addresses import parse_address
 from rig.drivers.registry import open_source
@@ -32,8 +32,9 @@ from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail
 from rig.vision.viso2.front_end import Viso2Features, Viso2FrontEnd
+from rig.vision.viso2.motion import Mount
 
-RECIPE = "3"
+RECIPE = "4"
 """Counts the ways in which drives were measured; what another way left in the cache is not used."""
 
 LARGEST_MOVE_EV = 3.2
@@ -60,7 +61,8 @@ class SeenDrive:
 
     `thumbnails` is uint8 P x S x 2 x 48 x 64; `moves` int16 P-1 x S x S counts the ORB matches of
     the picture at a pose (first setting) with that at the next pose (second setting); `steady`
-    int16 P-1 x S the viso2-style inliers of both pictures with the same setting.
+    int16 P-1 x S the viso2-style inliers of both pictures with the same setting, and `told` bool
+    P-1 x S says whether visual odometry tells a motion from those two.
     """
 
     cameras: str
@@ -68,6 +70,7 @@ class SeenDrive:
     thumbnails: NDArray[np.uint8]
     moves: NDArray[np.int16]
     steady: NDArray[np.int16]
+    told: NDArray[np.bool_]
 
 
 def see_drives(
@@ -110,6 +113,7 @@ def _joined(address: str, parts: list[Arrays]) -> SeenDrive:
         thumbnails=np.concatenate(thumbnails).astype(np.uint8),
         moves=np.concatenate([part["moves"] for part in parts]).astype(np.int16),
         steady=np.concatenate([part["steady"] for part in parts]).astype(np.int16),
+        told=np.concatenate([part["told"] for part in parts]).astype(np.bool_),
     )
 
 
@@ -166,17 +170,18 @@ class _Look:
 def _see(opened: _Opened, grid: SettingsGrid, first: int, last: int) -> Arrays:
     looks = (_look(opened, grid, pose) for pose in range(first, last + 1))
     before = next(looks)
-    thumbnails, moves, steady = [before.thumbnails], [], []
+    thumbnails, moves, stays = [before.thumbnails], [], []
     allowed = grid.distance_ev(grid.cells()) <= LARGEST_MOVE_EV
     for pose, after in enumerate(looks, first):
         thumbnails.append(after.thumbnails)
         moves.append(_count(opened, before.orb, after.orb, pose, allowed))
-        steady.append(_count_steady(before.viso2, after.viso2))
+        stays.append(_stay(opened.scene.intrinsics("primary"), before.viso2, after.viso2))
         before = after
     return {
         "thumbnails": np.stack(thumbnails),
         "moves": np.stack(moves),
-        "steady": np.stack(steady),
+        "steady": np.array([[inliers for inliers, _ in cells] for cells in stays], np.int16),
+        "told": np.array([[told for _, told in cells] for cells in stays], np.bool_),
         "world_version": np.array(opened.source.world_version),
     }
 
@@ -197,15 +202,23 @@ def _count(
     return count_moves(before, after, predicted, interval_us, allowed)
 
 
-def _count_steady(
-    before: Sequence[Viso2Features | None], after: Sequence[Viso2Features | None]
-) -> NDArray[np.int16]:
+def _stay(
+    lens: Intrinsics, before: Sequence[Viso2Features | None], after: Sequence[Viso2Features | None]
+) -> list[tuple[int, bool]]:
+    """Return the inliers of each setting where it stays, and whether they tell a motion.
+
+    The length of a motion does not matter here, so any height over the ground will do.
+    """
     front_end = Viso2FrontEnd()
-    counts = [
-        0 if a is None or b is None else front_end.match(a, b).inliers
-        for a, b in zip(before, after, strict=True)
-    ]
-    return np.array(counts, np.int16)
+    stays = []
+    for a, b in zip(before, after, strict=True):
+        if a is None or b is None:
+            stays.append((0, False))
+            continue
+        points = front_end.matched(a, b)
+        motion = front_end.motion(front_end.bucket(points), lens, Mount())
+        stays.append((front_end.judged(points).inliers, not motion.failure))
+    return stays
 
 
 def _pose(truth: Truth) -> Pose:

@@ -33,6 +33,8 @@ class Utility:
     are as bright as before, but blurred and noisy in another way. `other_weight`, `other_fear` and
     `other_falloff` are the same of the inliers of the other front end: the logarithm is of those to
     expect, fear is about those that a change leaves where it does most harm (`change_worth`).
+    `lost_cost` is for a pair that tells visual odometry no motion, though it may have matches
+    enough: all of them far away, while the vehicle crawls.
     """
 
     log_weight: float = 0.3
@@ -43,6 +45,7 @@ class Utility:
     other_weight: float = 0.15
     other_fear: float = 12.0
     other_falloff: float = 25.0
+    lost_cost: float = 1.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:
@@ -51,7 +54,7 @@ class Utility:
     @property
     def front_end(self) -> str:
         """Return whose matches are worth anything: a name of UTILITIES."""
-        if not (self.other_weight or self.other_fear):
+        if not (self.other_weight or self.other_fear or self.lost_cost):
             return "orb"
         return "both" if self.log_weight or self.fear else "viso2"
 
@@ -67,8 +70,8 @@ class Utility:
 
 UTILITIES: Mapping[str, Utility] = {
     "both": Utility(),
-    "orb": Utility(other_weight=0.0, other_fear=0.0),
-    "viso2": Utility(log_weight=0.0, fear=0.0, other_weight=0.3, other_fear=24.0),
+    "orb": Utility(other_weight=0.0, other_fear=0.0, lost_cost=0.0),
+    "viso2": Utility(log_weight=0.0, fear=0.0, other_weight=0.3, other_fear=24.0, lost_cost=2.0),
 }
 """What moves are worth to whoever looks with this front end, or does not know with which."""
 
@@ -81,7 +84,7 @@ def _fear(counts: Values, weight: float, falloff: float) -> Values:
     return np.asarray(weight * np.exp(-counts / falloff), np.float32)
 
 
-def denoised(counts: NDArray[np.int16]) -> Values:
+def denoised(counts: NDArray[np.int16] | NDArray[np.bool_]) -> Values:
     """Return the mean of each pair's counts with those of the pairs before and after it.
 
     A path is chosen for its counts, so it would choose the lucky ones: those that the same
@@ -111,34 +114,54 @@ def kept_share_at_exits(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.exp(-_LOST_AT_EXITS_PER_EV2 * np.square(changed_ev)))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Staying:
+    """What the other front end gets where a setting stays: inliers, and the share 0..1 of motions.
+
+    Both of one shape, ... x N settings.
+    """
+
+    inliers: Values
+    told: Values
+
+
+def staying(steady: NDArray[np.int16], told: NDArray[np.bool_]) -> Staying:
+    """Return what a drive's counts, both P-1 x S, promise whoever stays."""
+    return Staying(denoised(steady), denoised(told))
+
+
 def change_worth(
-    before: Values,
-    after: Values,
+    before: Staying,
+    after: Staying,
     settings: NDArray[np.float64],
     utility: Utility,
     grid: SettingsGrid,
 ) -> Values:
     """Return what moves from N settings to every cell are worth but for their matches, ... x N x S.
 
-    That is the worth of the other front end's inliers, less the cost of swings. The poorer of both
-    ends, where it stays, says how many there were without a change: `before`, ... x N, are those of
-    the settings, N x (exposure_us, gain_db), and `after`, which fits ... x N x S, of the cells.
+    That is the worth of the other front end's inliers and motions, less the cost of swings. The
+    poorer of both ends, where it stays, says what there was without a change: `before`, ... x N,
+    is that of the settings, N x (exposure_us, gain_db), and `after`, which fits ... x N x S, of
+    the cells.
     """
-    poorer, changed_ev = np.minimum(before[..., None], after), grid.distance_ev(settings)
+    poorer = np.minimum(before.inliers[..., None], after.inliers)
+    changed_ev = grid.distance_ev(settings)
     usual, at_exits = (
         poorer * share(changed_ev).astype(np.float32) for share in (kept_share, kept_share_at_exits)
     )
-    swings = utility.opposed_cost * grid.opposed_ev(settings)
-    return np.asarray(utility.of_other(usual, at_exits) - swings.astype(np.float32))
+    lost = utility.lost_cost * (1 - np.minimum(before.told[..., None], after.told))
+    swings = (utility.opposed_cost * grid.opposed_ev(settings)).astype(np.float32)
+    return np.asarray(utility.of_other(usual, at_exits) - lost - swings, np.float32)
 
 
-def move_worth(matched: Values, steady: Values, utility: Utility, grid: SettingsGrid) -> Values:
+def move_worth(matched: Values, stays: Staying, utility: Utility, grid: SettingsGrid) -> Values:
     """Return the worth of every move by itself, P-1 x S (from) x S (to).
 
-    `matched` is what the matches of the moves are worth, of the same shape, and `steady` the
-    inliers of the other front end where a setting stays, P-1 x S; both of `denoised` counts.
+    `matched` is what the matches of the moves are worth, of the same shape, and `stays` what the
+    other front end gets where a setting stays, P-1 x S; both of `denoised` counts.
     """
-    return np.asarray(matched + change_worth(steady, steady[:, None], grid.cells(), utility, grid))
+    after = Staying(stays.inliers[:, None], stays.told[:, None])
+    return np.asarray(matched + change_worth(stays, after, grid.cells(), utility, grid))
 
 
 def move_values(worth: Values, discount: float) -> Values:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rig.models.grid import brightness_ev, path_grid
 from rig.models.seen import SeenDrive
-from rig.models.values import Utility, Values, denoised, move_worth
+from rig.models.values import Utility, Values, denoised, move_worth, staying
 
 GRID = path_grid(10, 4)
 
@@ -25,9 +25,16 @@ def make_drive(seed: int, poses: int = 40) -> SeenDrive:
     moves = 600 * np.minimum(good[:-1, :, None], good[1:, None, :])
     steady = 900 * np.minimum(good[:-1], good[1:])
     counts = moves.astype(np.int16), steady.astype(np.int16)
-    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, *counts)
+    told = counts[1] > 50
+    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, *counts, told)
 
 
-def worth_of(moves: NDArray[np.int16], steady: NDArray[np.int16], utility: Utility) -> Values:
-    """Return what all moves of a drive over GRID are worth, by its counts."""
-    return move_worth(utility.of(denoised(moves)), denoised(steady), utility, GRID)
+def worth_of(
+    moves: NDArray[np.int16],
+    steady: NDArray[np.int16],
+    utility: Utility,
+    told: NDArray[np.bool_] | None = None,
+) -> Values:
+    """Return what all moves of a drive over GRID are worth, by its counts; all told when None."""
+    told = np.ones(steady.shape, np.bool_) if told is None else told
+    return move_worth(utility.of(denoised(moves)), staying(steady, told), utility, GRID)

@@ -21,6 +21,7 @@ from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail
 from rig.vision.viso2.front_end import Viso2FrontEnd
+from rig.vision.viso2.motion import Mount
 
 WALL = "sim:wall?size=160x120&seed=1"
 
@@ -109,6 +110,11 @@ def test_a_drive_is_seen_as_its_camera_takes_it() -> None:
     a2, b2 = (viso2.features(to_grey(picture, "bayer_rggb8")) for picture in pictures)
     assert drive.steady.shape == (2, cells)
     assert drive.steady[0, cell] == pytest.approx(viso2.match(a2, b2).inliers, rel=0.35)
+    assert drive.told.shape == (2, cells) and drive.told.dtype == np.bool_
+    bucketed = viso2.bucket(viso2.matched(a2, b2))
+    motion = viso2.motion(bucketed, source.scene.intrinsics("primary"), Mount())  # type: ignore[attr-defined]
+    assert drive.told[0, cell] == (not motion.failure)
+    assert not drive.told[:, drive.steady.max(0) == 0].any()
 
 
 @pytest.mark.usefixtures("no_cache")

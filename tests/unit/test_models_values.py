@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -11,8 +12,9 @@ from synthetic_drives import GRID, make_drive, worth_of
 from rig.core.errors import UsageError
 from rig.models.behaviour import RandomExposure
 from rig.models.grid import brightness_ev, path_grid
-from rig.models.rollout import Trip, look, matches, other_inliers, roll_out
+from rig.models.rollout import Trip, look, lost_motions, matches, other_inliers, roll_out
 from rig.models.values import (
+    Staying,
     Utility,
     change_worth,
     denoised,
@@ -65,7 +67,8 @@ def test_the_poorer_end_of_a_change_says_how_many_inliers_there_were() -> None:
     settings, distance_ev = GRID.cells()[:2], GRID.distance_ev(GRID.cells()[:2])
     before = np.array([200.0, 100.0], np.float32)
     after = np.full(len(GRID), 150.0, np.float32)
-    worth = change_worth(before, after, settings, utility, GRID)
+    ends = (Staying(inliers, np.ones_like(inliers)) for inliers in (before, after))
+    worth = change_worth(*ends, settings, utility, GRID)
     left = np.array([[150.0], [100.0]]) * kept_share(distance_ev)
     assert worth == pytest.approx(np.log(left + 50), abs=1e-5)
 
@@ -101,6 +104,39 @@ def test_changes_are_feared_as_they_are_at_exits() -> None:
     left = 100 * kept_share_at_exits(GRID.distance_ev(GRID.cells()))
     wanted = -utility.other_fear * np.exp(-left / utility.other_falloff)
     assert worth[0] == pytest.approx(wanted, abs=1e-4)
+
+
+def test_a_pair_that_tells_no_motion_costs_what_its_utility_says() -> None:
+    moves = np.full((5, len(GRID), len(GRID)), 300, np.int16)
+    steady = np.full(moves.shape[:2], 300, np.int16)
+    told = np.ones(steady.shape, np.bool_)
+    told[:, 3] = False
+    told[2, 7] = False
+    free, dear = Utility(lost_cost=0.0), Utility(lost_cost=2.0)
+    cost = worth_of(moves, steady, free, told) - worth_of(moves, steady, dear, told)
+    assert cost[:, 3] == pytest.approx(2.0, abs=1e-4)
+    assert cost[:, :, 3] == pytest.approx(2.0, abs=1e-4)
+    assert cost[:, 7, 7] == pytest.approx(np.array([0, 2, 2, 2, 0]) / 3, abs=1e-4)
+    assert cost[:, 0, 1] == pytest.approx(0.0, abs=1e-4)
+    told[:] = False
+    standing = worth_of(moves, steady, free, told) - worth_of(moves, steady, dear, told)
+    assert standing == pytest.approx(2.0, abs=1e-4)
+
+
+def test_a_motion_counts_as_lost_where_another_setting_tells_one() -> None:
+    drive = make_drive(1)
+    told = np.ones_like(drive.told)
+    told[5:9, 0] = False
+    told[20] = False
+    drive = replace(drive, told=told)
+    cells = GRID.cells()
+    path = np.zeros(40, int)
+    lost = lost_motions(drive, GRID, cells[path], Trip(0))
+    assert np.array_equal(np.flatnonzero(lost), [5, 6, 7, 8]) and lost.max() == 1
+    path[7:] = 4
+    assert np.array_equal(np.flatnonzero(lost_motions(drive, GRID, cells[path], Trip(0))), [5, 6])
+    between = np.tile([np.sqrt(cells[0, 0] * cells[4, 0]), 0.0], (40, 1))
+    assert lost_motions(drive, GRID, between, Trip(0))[5] == pytest.approx(0.5)
 
 
 def test_a_discount_of_one_is_refused() -> None:
