@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rig.core.types import THESIS_LIMITS
 from rig.models.cars import LIGHT_POSES
 from rig.models.export import LICENCE
+from rig.models.pathfit import PathRecipe
 from rig.models.paths import DriveSource
 from rig.vision.thumbnail import THUMBNAIL_PX
 
@@ -75,8 +76,18 @@ Every setting of a grid at every pose of:
 The stage to keep was chosen on:
 
 {held_back or "- nothing: there was only one world, so the last stage was kept"}
-
+{_begun(result)}
 Digest of the drives: `{result.training_sha256}`"""
+
+
+def _begun(result: PathTrainingResult) -> str:
+    begun = result.beginning
+    if begun is None:
+        return ""
+    return f"""
+It went on from the weights of `{begun.name}`, sha256 `{begun.sha256}`; what those were made from
+is on the card of that file.
+"""
 
 
 def _described(source: DriveSource) -> str:
@@ -93,6 +104,10 @@ def _remake(result: PathTrainingResult) -> str:
     targets = "\n".join(_targets(sources, poses, file) for poses, file in files.items())
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     options = "--half " if result.half else ""
+    if result.beginning is not None:
+        options += f"--begin-with {shlex.quote(result.beginning.name)} "
+    if recipe.learning_rates[0] != PathRecipe().learning_rates[0]:
+        options += f"--learning-rate {recipe.learning_rates[0]:g} "
     if recipe.utility.front_end != "both":
         options += f"--front-end {recipe.utility.front_end} "
     if len(result.members) > 1:

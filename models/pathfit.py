@@ -11,6 +11,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rig.core.errors import ModelError, UsageError
+from rig.models.begin import begin_with
 from rig.models.cars import Chances, NetworkCars, Score, own_journeys, random_journeys, scores
 from rig.models.grid import SettingsGrid
 from rig.models.lessons import Lessons, PathSamples, gather
@@ -28,6 +30,8 @@ from rig.models.rollout import Journey, Trip
 from rig.models.scoremap import TOLD, ScoreMapNetwork
 from rig.models.seen import SeenDrive
 from rig.models.values import UTILITIES, Utility
+
+_BEGINNING_SAMPLES = 2_048
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,16 +193,16 @@ class PathFit:
         if self.best_stage == number:
             self._best = copy.deepcopy(self.network.state_dict())
         if not self.finished:
-            noise = recipe.noise if number % 2 == 0 else 0.0
-            self._own += own_journeys(
-                self.network,
-                self._training,
-                self.grid,
-                recipe.own_journeys,
-                recipe.chances,
-                noise,
-                rng,
-            )
+            self._drive_itself(recipe.noise if number % 2 == 0 else 0.0, rng)
+
+    def begin_with(self, model: Path) -> None:
+        """Go on from an exported network, whose own drives join the first stage's journeys.
+
+        Raises ModelError when the file is of another kind of network.
+        """
+        begin_with(self.network, model, *self.proof_samples(_BEGINNING_SAMPLES))
+        self._best = copy.deepcopy(self.network.state_dict())
+        self._drive_itself(self.recipe.noise, np.random.default_rng([self.recipe.seed, 2_000]))
 
     def best_network(self) -> ScoreMapNetwork:
         """Return the network of the best stage, ready to answer."""
@@ -251,6 +255,18 @@ class PathFit:
             Journey(Trip(drive, latency, light.numpy()), frames.numpy(), used.numpy())
             for (drive, latency, light), frames, used in state["own"]
         ]
+
+    def _drive_itself(self, noise: float, rng: np.random.Generator) -> None:
+        recipe = self.recipe
+        self._own += own_journeys(
+            self.network,
+            self._training,
+            self.grid,
+            recipe.own_journeys,
+            recipe.chances,
+            noise,
+            rng,
+        )
 
     def _reached(self, latency: int) -> tuple[Score, ...]:
         return tuple(scores(NetworkCars(self.network), self._held_back, self.grid, latency))

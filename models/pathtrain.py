@@ -41,6 +41,14 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
+class Beginning:
+    """The file that a training went on from."""
+
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class PathTrainingResult:
     """A trained and exported score-map network, and how each of its members learned."""
 
@@ -49,6 +57,7 @@ class PathTrainingResult:
     net: str
     recipe: PathRecipe
     files: tuple[Path, ...]
+    beginning: Beginning | None
     split: Split[DriveSource]
     members: tuple[Member, ...]
     together: tuple[Score, ...]
@@ -67,25 +76,31 @@ def train_paths(
     members: int = 1,
     held_back: Sequence[str] = (),
     half: bool = False,
+    begin_with: Path | None = None,
     progress: MemberProgress = lambda _member, _stage, _step, _steps, _loss: None,
 ) -> PathTrainingResult:
     """Train `net` on path targets and write `out` (ONNX) with its model card beside it.
 
     More `members` than one, with seeds from that of the recipe on, answer together. `held_back`
     names worlds, such as `tunnel?seed=90`, to choose the stage by; without it one world in five is
-    held back. An interrupted training goes on from its last whole stage. Raises UsageError for a
-    bad option, RecordingError for a bad file, ModelError when training diverges.
+    held back. Members go on from the exported network `begin_with` where it is given. An
+    interrupted training goes on from its last whole stage. Raises UsageError for a bad option,
+    RecordingError for a bad file, ModelError when training diverges or `begin_with` is no score
+    map of this kind.
     """
     from rig.models.pathcard import write_path_card
 
     _check(net, out, members)
     data = _load(targets, held_back, recipe.seed)
+    beginning = None if begin_with is None else _beginning(begin_with)
     recipes = [replace(recipe, seed=recipe.seed + member) for member in range(members)]
     fits = []
     for member, own in enumerate(recipes):
         fit = PathFit(own, data.grid, data.training, data.judging)
-        told = repr((net, own, data.sha256, [source.sha256 for source in data.split.held_back]))
-        _finish(fit, Checkpoint(_checkpoint(out, member), told), partial(progress, member))
+        held = [source.sha256 for source in data.split.held_back]
+        told = repr((net, own, data.sha256, held, beginning and beginning.sha256))
+        checkpoint = Checkpoint(_checkpoint(out, member), told)
+        _finish(fit, checkpoint, begin_with, partial(progress, member))
         fits.append(fit)
     networks = [fit.best_network() for fit in fits]
     network = networks[0] if members == 1 else ScoreMapEnsemble(networks)
@@ -98,6 +113,7 @@ def train_paths(
         net=net,
         recipe=recipe,
         files=tuple(targets),
+        beginning=beginning,
         split=data.split,
         members=tuple(Member(f.recipe.seed, tuple(f.history), f.best_stage) for f in fits),
         together=tuple(scores(NetworkCars(network.eval()), data.judging, data.grid)),
@@ -162,9 +178,19 @@ def _checkpoint(out: Path, member: int) -> Path:
     return out.with_suffix(f".{member}.checkpoint" if member else ".checkpoint")
 
 
-def _finish(fit: PathFit, checkpoint: Checkpoint, progress: StageProgress) -> None:
+def _beginning(model: Path) -> Beginning:
+    if not model.exists():
+        raise UsageError(f"--begin-with {model}: no such file; `rig train` writes networks")
+    return Beginning(model.name, hashlib.sha256(model.read_bytes()).hexdigest())
+
+
+def _finish(
+    fit: PathFit, checkpoint: Checkpoint, begin_with: Path | None, progress: StageProgress
+) -> None:
     with torch.random.fork_rng():
         checkpoint.resume(fit)
+        if begin_with is not None and not fit.history:
+            fit.begin_with(begin_with)
         while not fit.finished:
             fit.stage(progress)
             checkpoint.save(fit)

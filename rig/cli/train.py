@@ -33,6 +33,7 @@ def train(
     half: bool = False,
     int8: bool = False,
     front_end: str | None = None,
+    begin_with: Path | None = None,
     seed: int = 0,
     terminal: Terminal = DEFAULT_TERMINAL,
 ) -> int:
@@ -68,14 +69,19 @@ def train(
         Write a second file, .int8.onnx, smaller and faster; not for score maps.
     front_end:
         Whose matches a score map is for: orb, viso2 or both; both when absent.
+    begin_with:
+        A score map that `rig train` wrote, of the same --net, to go on from.
     """
     given: dict[str, Any] = {"batch_size": batch_size, "learning_rate": learning_rate}
     try:
         if net in SCORE_MAPS:
             _refuse(net, epochs=epochs, patience=patience, search=search, int8=int8 or None)
             recipe = _map_recipe(net, seed, steps, given | {"front_end": front_end})
-            return _train_map(targets, net, out, recipe, members, hold_back, half, terminal)
-        _refuse(net, steps=steps or None, members=members, front_end=front_end)
+            options = {"held_back": hold_back, "half": half, "begin_with": begin_with}
+            return _train_map(targets, net, out, recipe, members, options, terminal)
+        _refuse(
+            net, steps=steps or None, members=members, front_end=front_end, begin_with=begin_with
+        )
         given |= {"epochs": epochs, "patience": patience, "search": search}
         given |= {"half": half, "int8": int8}
         return _train_thesis(targets, net, out, given, seed, hold_back, terminal)
@@ -99,8 +105,7 @@ def _train_map(
     out: Path,
     recipe: PathRecipe,
     members: int | None,
-    hold_back: tuple[str, ...],
-    half: bool,
+    options: Mapping[str, Any],
     terminal: Terminal,
 ) -> int:
     from rig.models.pathtrain import train_paths
@@ -113,8 +118,7 @@ def _train_map(
             out,
             recipe,
             members=count,
-            held_back=hold_back,
-            half=half,
+            **options,
             progress=stage_reporter(count, recipe.steps, advance, terminal),
         )
     reached = ", ".join(f"{score.median:.0f}/{score.min:.0f}" for score in result.together)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnxruntime
 import pytest
 import torch
 from synthetic_drives import GRID, make_drive, worth_of
@@ -296,12 +298,46 @@ def test_a_training_that_goes_on_ends_in_the_same_weights(tmp_path: Path) -> Non
         assert torch.equal(a, b)
 
 
+def test_a_training_goes_on_from_an_exported_network(trained: Path, tmp_path: Path) -> None:
+    still = replace(QUICK, steps=(1,), learning_rates=(1e-9,))
+    out, paths = tmp_path / "second.onnx", [save(tmp_path / "paths.npz", range(5))]
+    result = train_paths(paths, "map-small", out, still, begin_with=trained)
+    before, after = (onnxruntime.InferenceSession(file) for file in (trained, out))
+    drives = [make_drive(seed) for seed in range(2)]
+    fit = PathFit(QUICK, GRID, drives, [])
+    shown = dict(zip(("images", "settings"), fit.proof_samples(50), strict=True))
+    apart = np.abs(before.run(None, shown)[0] - after.run(None, shown)[0]).max(1)
+    assert np.median(apart) < 0.02
+    card = result.card.read_text()
+    assert "--learning-rate 1e-09" in card and "--begin-with map.onnx" in card
+    assert hashlib.sha256(trained.read_bytes()).hexdigest() in card
+    fit.begin_with(trained)
+    with torch.inference_mode():
+        images, settings = (torch.from_numpy(of) for of in shown.values())
+        again = fit.network(images, settings).numpy()
+    assert np.allclose(again, before.run(None, shown)[0], atol=1e-4)
+
+
+def test_only_a_score_map_of_its_kind_can_be_begun_with(trained: Path, tmp_path: Path) -> None:
+    paths, out = [save(tmp_path / "paths.npz", range(3))], tmp_path / "next.onnx"
+    text = tmp_path / "text.onnx"
+    text.write_text("no")
+    with pytest.raises(ModelError, match="not a score map of this kind"):
+        train_paths(paths, "map-large", out, replace(QUICK, width=2), begin_with=trained)
+    with pytest.raises(ModelError, match="no network to begin with"):
+        train_paths(paths, "map-small", out, QUICK, begin_with=text)
+    with pytest.raises(UsageError, match="no such file"):
+        train_paths(paths, "map-small", out, QUICK, begin_with=tmp_path / "missing.onnx")
+    assert not out.exists()
+
+
 def test_targets_come_back_as_they_were_saved(tmp_path: Path) -> None:
     path = save(tmp_path / "paths.npz", range(2))
     loaded = PathTargets.load(path)
     assert loaded.grid == GRID
     assert np.array_equal(loaded.drives[1].moves, make_drive(1).moves)
     assert np.array_equal(loaded.drives[1].steady, make_drive(1).steady)
+    assert np.array_equal(loaded.drives[1].told, make_drive(1).told)
     assert np.array_equal(loaded.drives[1].thumbnails, make_drive(1).thumbnails)
     with pytest.raises(UsageError, match="exists"):
         loaded.save(path)
