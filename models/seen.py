@@ -34,7 +34,7 @@ from rig.vision.thumbnail import thumbnail
 from rig.vision.viso2.front_end import Viso2Features, Viso2FrontEnd
 from rig.vision.viso2.motion import Mount
 
-RECIPE = "4"
+RECIPE = "5"
 """Counts the ways in which drives were measured; what another way left in the cache is not used."""
 
 LARGEST_MOVE_EV = 3.2
@@ -45,6 +45,9 @@ HOPELESS_SATURATED = 0.97
 
 SHARP_US = 210.0
 """A shorter exposure is not blurred: it smears one point in a hundred by a fifth of a pixel."""
+
+MOVES_M = 0.02
+"""A vehicle that moves by less from picture to picture stands."""
 
 FEW_FEATURES = 20
 """Where ORB finds fewer in a picture, the other front end is not asked: it would match nothing."""
@@ -62,7 +65,8 @@ class SeenDrive:
     `thumbnails` is uint8 P x S x 2 x 48 x 64; `moves` int16 P-1 x S x S counts the ORB matches of
     the picture at a pose (first setting) with that at the next pose (second setting); `steady`
     int16 P-1 x S the viso2-style inliers of both pictures with the same setting, and `told` bool
-    P-1 x S says whether visual odometry tells a motion from those two.
+    P-1 x S says whether visual odometry tells a motion from those two; where the vehicle moves by
+    less than `MOVES_M` there is nothing to tell, and all of them count as told.
     """
 
     cameras: str
@@ -177,11 +181,13 @@ def _see(opened: _Opened, grid: SettingsGrid, first: int, last: int) -> Arrays:
         moves.append(_count(opened, before.orb, after.orb, pose, allowed))
         stays.append(_stay(opened.scene.intrinsics("primary"), before.viso2, after.viso2))
         before = after
+    told = np.array([[told for _, told in cells] for cells in stays], np.bool_)
+    stood = [_moved_m(opened, pose) < MOVES_M for pose in range(first, last)]
     return {
         "thumbnails": np.stack(thumbnails),
         "moves": np.stack(moves),
         "steady": np.array([[inliers for inliers, _ in cells] for cells in stays], np.int16),
-        "told": np.array([[told for _, told in cells] for cells in stays], np.bool_),
+        "told": told | np.array(stood)[:, None],
         "world_version": np.array(opened.source.world_version),
     }
 
@@ -219,6 +225,13 @@ def _stay(
         motion = front_end.motion(front_end.bucket(points), lens, Mount())
         stays.append((front_end.judged(points).inliers, not motion.failure))
     return stays
+
+
+def _moved_m(opened: _Opened, pose: int) -> float:
+    """Return how far the camera comes from a pose to the next."""
+    times_s = (opened.source.drive.scene_time_s(at) for at in (pose, pose + 1))
+    here, there = (np.array(opened.scene.truth(time_s).position_m) for time_s in times_s)
+    return float(np.linalg.norm(there - here))
 
 
 def _pose(truth: Truth) -> Pose:

@@ -25,6 +25,7 @@ from rig.evaluation.aggregate import ratio_ci95, ratio_of_means
 from rig.evaluation.odometry import mean_inlier_pct, processed_pct
 from rig.experiments.reproduce import Job
 from rig.experiments.solo import Solo, run_solo, world_version
+from rig.models.seen import MOVES_M
 from rig.models.shipped import shipped_networks
 from rig.plot import Bars, svg
 
@@ -42,8 +43,6 @@ FIGURES: Mapping[str, str] = {
 `processed_pct` and `inlier_pct` are those of thesis table 5.5. `lost_moving_pct` leaves waits out:
 the share of frames without a motion told, of those before which the camera moved by MOVES_M.
 """
-
-MOVES_M = 0.02
 
 Figures = Mapping[str, float | None]
 
