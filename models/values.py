@@ -45,7 +45,7 @@ class Utility:
     other_weight: float = 0.15
     other_fear: float = 12.0
     other_falloff: float = 25.0
-    lost_cost: float = 1.0
+    lost_cost: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.discount < 1:
@@ -70,7 +70,7 @@ class Utility:
 
 UTILITIES: Mapping[str, Utility] = {
     "both": Utility(),
-    "orb": Utility(other_weight=0.0, other_fear=0.0, lost_cost=0.0),
+    "orb": Utility(other_weight=0.0, other_fear=0.0),
     "viso2": Utility(log_weight=0.0, fear=0.0, other_weight=0.3, other_fear=24.0, lost_cost=2.0),
 }
 """What moves are worth to whoever looks with this front end, or does not know with which."""

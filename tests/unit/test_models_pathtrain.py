@@ -172,7 +172,7 @@ def test_a_lesson_is_about_the_frame_that_a_command_reaches() -> None:
 def test_a_change_from_between_cells_is_as_large_as_it_is() -> None:
     drive = make_drive(3)
     rich = replace(drive, steady=np.full_like(drive.steady, 300))
-    utility = Utility(log_weight=0.0, fear=0.0, opposed_cost=0.0, discount=0.0, lost_cost=0.0)
+    utility = Utility(log_weight=0.0, fear=0.0, opposed_cost=0.0, discount=0.0)
     between = np.tile(np.sqrt(GRID.cells()[12] * GRID.cells()[12 + GRID.shape[1]]), (40, 1))
     values = Lessons([rich], GRID, utility).of(Journey(Trip(0), drive.thumbnails[:, 12], between))
     apart_ev = np.abs(brightness_ev(between[:1]) - brightness_ev(GRID.cells()))
