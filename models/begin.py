@@ -2,53 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 import torch
-from numpy.typing import NDArray
 from onnx import numpy_helper
 from torch import Tensor, nn
 
 from rig.core.errors import ModelError
+from rig.models.export import HALF_SUFFIX, Proof, answers_of_onnx, answers_of_torch
 from rig.models.scoremap import ScoreMapNetwork
 
 ALIKE = 1e-3
 """Answers may differ by so much of the limits where the file chose between two equal cells."""
 
-_HALF = ".half"
-_Images = NDArray[np.float32]
 
-
-def begin_with(network: ScoreMapNetwork, model: Path, images: _Images, settings: _Images) -> None:
+def begin_with(network: ScoreMapNetwork, model: Path, proof: Proof) -> None:
     """Give `network` the weights of a file that `rig train` wrote for the same kind of network.
 
-    `images` and `settings` are samples as the network takes them: an exported file has most batch
-    normalisations folded into the layer before, and these must begin with the spread of what they
-    are given there. Raises ModelError when the file is of another kind or the network does not
-    answer as it does.
+    `proof` are samples as the network takes them: an exported file has most batch normalisations
+    folded into the layer before, and these must begin with the spread of what they are given
+    there. Raises ModelError when the file is of another kind or the network does not answer as it
+    does.
     """
-    weights = _read(model)
+    stored = _load(model)
+    weights = _weights(stored)
     own = network.state_dict()
     known = {name: weights[name] for name in own if name in weights}
     if any(own[name].shape != values.shape for name, values in known.items()) or not known:
         raise ModelError(f"{model}: not a score map of this kind and grid; choose its own --net")
     network.eval().load_state_dict(known, strict=False)
-    device = next(network.parameters()).device
-    shown = torch.from_numpy(images).to(device), torch.from_numpy(settings).to(device)
     for name, layer in network.named_modules():
         folded = f"{name}.running_mean" not in weights
         if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d) and folded:
-            _pass_on(layer, lambda: network.scores(*shown))
-    with torch.inference_mode():
-        answers = network(*shown).cpu().numpy()
-    (expected,) = onnxruntime.InferenceSession(model).run(
-        None, {"images": images, "settings": settings}
-    )
-    apart = np.abs(answers - expected).max(1)
+            _pass_on(layer, network, proof)
+    apart = np.abs(answers_of_torch(network, proof) - answers_of_onnx(stored, proof)).max(1)
     if not np.mean(apart < ALIKE) > 0.99:
         raise ModelError(
             f"{model}: a network with its weights answers otherwise (by up to {apart.max():.2g} of "
@@ -56,12 +45,13 @@ def begin_with(network: ScoreMapNetwork, model: Path, images: _Images, settings:
         )
 
 
-def _pass_on(layer: nn.BatchNorm1d | nn.BatchNorm2d, run: Callable[[], Tensor]) -> None:
+def _pass_on(
+    layer: nn.BatchNorm1d | nn.BatchNorm2d, network: ScoreMapNetwork, proof: Proof
+) -> None:
     """Let a normalisation give back what it is given, in training too, as far as batches agree."""
     given: list[Tensor] = []
     hook = layer.register_forward_hook(lambda _layer, inputs, _output: given.append(inputs[0]))
-    with torch.inference_mode():
-        run()
+    answers_of_torch(network, proof)
     hook.remove()
     values = given[0].transpose(0, 1).flatten(1)
     mean, variance = values.mean(1), values.var(1, unbiased=False)
@@ -72,15 +62,18 @@ def _pass_on(layer: nn.BatchNorm1d | nn.BatchNorm2d, run: Callable[[], Tensor]) 
     layer.bias.data.copy_(mean)
 
 
-def _read(model: Path) -> dict[str, Tensor]:
-    """Return the weights of a file by their names in the network, widened to float32."""
+def _load(model: Path) -> onnx.ModelProto:
     try:
-        stored = onnx.load(model).graph.initializer
+        return onnx.load(model)
     except Exception as error:  # a broken file raises what its decoder has, which has no types
         raise ModelError(f"{model}: no network to begin with ({error})") from error
+
+
+def _weights(stored: onnx.ModelProto) -> dict[str, Tensor]:
+    """Return the weights of a file by their names in the network, widened to float32."""
     return {
-        one.name.removesuffix(_HALF): torch.from_numpy(
+        one.name.removesuffix(HALF_SUFFIX): torch.from_numpy(
             np.array(numpy_helper.to_array(one), np.float32)
         )
-        for one in stored
+        for one in stored.graph.initializer
     }

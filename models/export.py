@@ -36,6 +36,8 @@ PARITY = 1e-5
 HALF_PARITY = 2e-3
 SMALLEST_SPREAD = 0.01
 HALF_FROM_VALUES = 1024
+HALF_SUFFIX = ".half"
+"""Ends the names of weights that are stored in half precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,18 +119,18 @@ def write_proven(
 
     `properties` join the metadata. Raises ModelError as `export_network` does.
     """
-    expected = _answers_of_torch(trained, proof)
+    expected = answers_of_torch(trained, proof)
     full = to_onnx(driving, proof)
-    answers = _answers_of_onnx(full, proof)
+    answers = answers_of_onnx(full, proof)
     parity = Parity(float(np.abs(answers - expected).max()), 0.0, float(np.ptp(answers, 0).max()))
     files = {out: full}
     if half:
         files[out] = _with_half_weights(full)
-        rounded = _answers_of_onnx(files[out], proof)
+        rounded = answers_of_onnx(files[out], proof)
         parity = replace(parity, half_difference=float(np.abs(rounded - answers).max()))
     if calibration is not None:
         files[int8_file(out)] = small = quantised(full, *calibration)
-        by = moved(answers, _answers_of_onnx(small, proof), len(calibration.images))
+        by = moved(answers, answers_of_onnx(small, proof), len(calibration.images))
         parity = replace(parity, int8=by)
     _require_proof(parity, out)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -237,7 +239,7 @@ def _with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
         values = onnx.numpy_helper.to_array(weight)
         if weight.data_type != onnx.TensorProto.FLOAT or values.size < HALF_FROM_VALUES:
             continue
-        stored = weight.name + ".half"
+        stored = weight.name + HALF_SUFFIX
         casts.append(
             onnx.helper.make_node("Cast", [stored], [weight.name], to=onnx.TensorProto.FLOAT)
         )
@@ -251,7 +253,8 @@ def _with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     return halved
 
 
-def _answers_of_torch(network: nn.Module, proof: Proof) -> NDArray[np.float32]:
+def answers_of_torch(network: nn.Module, proof: Proof) -> NDArray[np.float32]:
+    """Return what a network answers, N x 2 in 0..1 of the limits; it is in evaluation then."""
     network.eval()
     device = next(network.parameters()).device
     with torch.inference_mode():
@@ -259,7 +262,8 @@ def _answers_of_torch(network: nn.Module, proof: Proof) -> NDArray[np.float32]:
     return np.asarray(answers.cpu().numpy(), np.float32)
 
 
-def _answers_of_onnx(model: onnx.ModelProto, proof: Proof) -> NDArray[np.float32]:
+def answers_of_onnx(model: onnx.ModelProto, proof: Proof) -> NDArray[np.float32]:
+    """Return what a file answers, N x 2 in 0..1 of the limits."""
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]
     )

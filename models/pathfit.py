@@ -23,6 +23,7 @@ from torch.nn import functional
 from rig.core.errors import ModelError, UsageError
 from rig.models.begin import begin_with
 from rig.models.cars import Chances, NetworkCars, Score, own_journeys, random_journeys, scores
+from rig.models.export import Proof
 from rig.models.grid import SettingsGrid
 from rig.models.lessons import Lessons, PathSamples, gather
 from rig.models.names import SCORE_MAPS
@@ -32,6 +33,7 @@ from rig.models.seen import SeenDrive
 from rig.models.values import UTILITIES, Utility
 
 _BEGINNING_SAMPLES = 2_048
+"""From so many samples the folded normalisations of a network to begin with are filled in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,8 +202,7 @@ class PathFit:
 
         Raises ModelError when the file is of another kind of network.
         """
-        begin_with(self.network, model, *self.proof_samples(_BEGINNING_SAMPLES))
-        self._best = copy.deepcopy(self.network.state_dict())
+        begin_with(self.network, model, Proof(*self.proof_samples(_BEGINNING_SAMPLES)))
         self._drive_itself(self.recipe.noise, np.random.default_rng([self.recipe.seed, 2_000]))
 
     def best_network(self) -> ScoreMapNetwork:
