@@ -42,7 +42,7 @@ COMMANDS = {
         "rig evaluate runs/*-race --json",
     ),
     "bound": Told(
-        "Work out the best median and minimum of inliers that any controller could reach.",
+        "Work out the best median and minimum of inliers that a grid of settings allows.",
         "rig bound 'sim:tunnel?seed=3' --json",
     ),
     "match": Told(

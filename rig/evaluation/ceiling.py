@@ -1,4 +1,4 @@
-"""How near a drive came to the best that any controller could have done there."""
+"""How near a drive came to the best that a grid of settings allows there."""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ Every setting of a grid is tried at every pose, and the inliers of every move be
 from one pose to the next are counted with the recipe that judges races. Moves are pruned to
 neighbours: see `Reach`. A path through the drive is then chosen in hindsight, another one for each
 figure, so no controller on the grid does better, and one that ties both figures need not exist.
+Its steps are coarse: one that changes its settings by less can keep more where a change is dear.
 
 Such a path knows the noise of the very pictures that it is counted on. So it is driven again in
 other noise: what is left is what it owes to the future alone (`Replayed`).
