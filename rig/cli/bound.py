@@ -24,7 +24,8 @@ def bound(
     """Work out the best median and minimum of inliers that a grid of settings allows.
 
     The paths that reach them know the future and the noise; what they have in other noise is told
-    as well. Settings between those of the grid can do better where small steps count. Counts are kept in the user's cache: after Ctrl-C the same command goes on.
+    as well. Settings between those of the grid can do better where small steps count. Counts are
+    kept in the user's cache: after Ctrl-C the same command goes on.
 
     Parameters
     ----------

@@ -108,8 +108,8 @@ class Summary:
     """A run's header, its columns, and what they come to; `segments` are of rows.
 
     `left` is the race's first controller: it drives the primary camera, or the secondary when
-    the run was swapped; `left_side` says which. `ceiling` is the best that a
-    grid of settings allows, where it is known.
+    the run was swapped; `left_side` says which. `ceiling` is the best that a grid of
+    settings allows, where it is known.
     """
 
     header: RunHeader
