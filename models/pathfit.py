@@ -162,6 +162,7 @@ class PathFit:
         torch.manual_seed(recipe.seed)
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         self.network = self._new_network().to(self._device)
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._best = copy.deepcopy(self.network.state_dict())
         self._lessons = Lessons(training, grid, recipe.utility)
         rng = np.random.default_rng([recipe.seed, 1_000])
