@@ -99,7 +99,7 @@ def kept_share(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
 
     The front end compares brightness itself: 0.7 are left at half a stop, 0.25 at one and 0.004 at
     two. Fitted to the medians of 3,300 moves in 16 places of three train drives, where 60 to 250
-    were left without a change (docs/learning.md); where there are more, a change costs less.
+    were left without a change (docs/learning-trials.md); where there are more, a change costs less.
     """
     return np.asarray(np.exp(-_LOST_PER_EV2 * np.square(changed_ev)))
 
@@ -109,7 +109,7 @@ def kept_share_at_exits(changed_ev: NDArray[np.float64]) -> NDArray[np.float64]:
 
     There the view is dark and white at once, and there the worst pairs of drives lie. Fitted to
     changes of up to 0.6 stops in 13 poses before the exits of three train tunnels
-    (docs/learning.md); of larger ones more is left.
+    (docs/learning-trials.md); of larger ones more is left.
     """
     return np.asarray(np.exp(-_LOST_AT_EXITS_PER_EV2 * np.square(changed_ev)))
 
