@@ -29,7 +29,7 @@ from rig.models.scoremap import FRAMES, ScoreMap
 from rig.models.seen import SeenDrive
 
 WARM_UP_PAIRS = 10
-LIGHT_POSES = 30
+LIGHT_POSES = 20
 _START_US = (200.0, 20_000.0)
 _START_DB = (0.0, 20.0)
 
@@ -73,7 +73,7 @@ class Chances:
     latencies: tuple[int, ...] = (0,)
     relit: float = 0.0
     darkest: int = -3
-    brightest: int = 5
+    brightest: int = 6
 
     def trip(self, drive: int, poses: int, rng: np.random.Generator) -> Trip:
         """Return a trip through a drive of so many poses."""

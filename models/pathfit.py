@@ -53,15 +53,15 @@ class PathRecipe:
     steps: tuple[int, ...] = (2000, 1500, 1500)
     learning_rates: tuple[float, ...] = (2e-3, 1.5e-3, 1.5e-3)
     batch_size: int = 256
-    behaviours: int = 20
-    own_journeys: int = 6
+    behaviours: int = 12
+    own_journeys: int = 12
     objective: str = "values"
     temperature: float = 0.05
     smoothing: float = 0.0
     noise: float = 0.25
     weight_decay: float = 1e-2
     utility: Utility = field(default_factory=Utility)
-    chances: Chances = field(default_factory=lambda: Chances((0, 1, 2), relit=0.5))
+    chances: Chances = field(default_factory=lambda: Chances((0, 1, 2), relit=0.6))
 
 
 def make_recipe(

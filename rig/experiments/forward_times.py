@@ -26,7 +26,7 @@ TABLE_4_1: Mapping[str, tuple[int, float]] = MappingProxyType(
 )
 """The thesis' parameters and milliseconds, on an NVIDIA GeForce GTX 1050 Ti."""
 
-NETS = (*TABLE_4_1, "map-small")
+NETS = (*TABLE_4_1, "map-small", "map-large")
 RUNS, QUICK_RUNS = 300, 20
 
 

@@ -16,7 +16,7 @@ from rig.cli.main import run
 from rig.controllers.network import NetworkController
 from rig.core.errors import ModelError, RecordingError, UsageError
 from rig.core.types import THESIS_LIMITS, Frame, Settings
-from rig.models.cars import Chances, NetworkCars, Score, scores
+from rig.models.cars import LIGHT_POSES, Chances, NetworkCars, Score, scores
 from rig.models.dataset import scale_settings
 from rig.models.fit import Checkpoint
 from rig.models.grid import brightness_ev
@@ -211,7 +211,7 @@ def test_trips_are_as_likely_late_and_relit_as_asked_for() -> None:
     levels = np.stack([trip.light for trip in relit])
     assert np.mean(levels == 0) == pytest.approx(0.5 + 0.5 / 4, abs=0.1)
     changes = [np.flatnonzero(np.diff(one)) for one in levels]
-    assert {int(gap) % 30 for one in changes for gap in np.diff(one)} == {0}
+    assert {int(gap) % LIGHT_POSES for one in changes for gap in np.diff(one)} == {0}
 
 
 def test_cars_are_told_what_they_asked_for_last() -> None:
