@@ -93,15 +93,16 @@ is on the card of that file.
 def _described(source: DriveSource) -> str:
     test = "split=test" in source.cameras
     warning = " **A test world: results on test worlds prove nothing.**" if test else ""
-    where = f"`{source.cameras}`, {source.world_version}, {source.poses} poses"
+    where = f"`{source.cameras}`, {source.world_version}, {_poses(source)}"
     return f"- {where}, sha256 `{source.sha256}`.{warning}"
 
 
 def _remake(result: PathTrainingResult) -> str:
     recipe = result.recipe
     sources = [*result.split.training, *result.split.held_back]
-    files = {poses: f"paths-{poses}.npz" for poses in sorted({each.poses for each in sources})}
-    targets = "\n".join(_targets(sources, poses, file) for poses, file in files.items())
+    stretches = sorted({(each.first_pose, each.poses) for each in sources})
+    files = [_file(*stretch) for stretch in stretches]
+    targets = "\n".join(_targets(sources, *stretch) for stretch in stretches)
     held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
     options = "--half " if result.half else ""
     if result.beginning is not None:
@@ -117,15 +118,27 @@ def _remake(result: PathTrainingResult) -> str:
 
 ```sh
 {targets}
-rig train --net {result.net} {" ".join(files.values())} --seed {recipe.seed} {steps} \
+rig train --net {result.net} {" ".join(files)} --seed {recipe.seed} {steps} \
 --batch-size {recipe.batch_size} {options}{held_back}--out {shlex.quote(result.model.name)}
 ```"""
 
 
-def _targets(sources: Sequence[DriveSource], poses: int, file: str) -> str:
-    """Return the command that makes a file of all drives with so many poses."""
-    cameras = " ".join(shlex.quote(each.cameras) for each in sources if each.poses == poses)
-    return f"rig targets {cameras} --metric path --frames {poses} --out {file}"
+def _targets(sources: Sequence[DriveSource], first: int, poses: int) -> str:
+    """Return the command that makes a file of all drives with these poses."""
+    alike = [each for each in sources if (each.first_pose, each.poses) == (first, poses)]
+    cameras = " ".join(shlex.quote(each.cameras) for each in alike)
+    begin = f"--first {first} " if first else ""
+    file = _file(first, poses)
+    return f"rig targets {cameras} --metric path {begin}--frames {poses} --out {file}"
+
+
+def _file(first: int, poses: int) -> str:
+    return f"paths-{first}-{poses}.npz" if first else f"paths-{poses}.npz"
+
+
+def _poses(source: DriveSource) -> str:
+    begin = f" from {source.first_pose} on" if source.first_pose else ""
+    return f"{source.poses} poses{begin}"
 
 
 def _stages(result: PathTrainingResult) -> str:

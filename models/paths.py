@@ -21,12 +21,12 @@ from rig.core.errors import RecordingError, UsageError
 from rig.models.grid import SettingsGrid, path_grid
 from rig.models.seen import SeenDrive, see_drives
 
-SCHEMA = "rig.paths/3"
+SCHEMA = "rig.paths/4"
 
 
 @dataclass(frozen=True, slots=True)
 class DriveSource:
-    """Where one drive came from and how many poses it has.
+    """Where one drive came from, the pose that it begins with, and how many it has.
 
     `sha256` is of its pictures and counts.
     """
@@ -35,6 +35,7 @@ class DriveSource:
     sha256: str
     cameras: str
     world_version: str
+    first_pose: int
     poses: int
 
 
@@ -84,7 +85,9 @@ class PathTargets:
                 "schema": SCHEMA,
                 "exposures_us": self.grid.exposures_us,
                 "gains_db": self.grid.gains_db,
-                "drives": [[drive.cameras, drive.world_version] for drive in self.drives],
+                "drives": [
+                    [drive.cameras, drive.world_version, drive.first_pose] for drive in self.drives
+                ],
             }
         )
 
@@ -92,14 +95,16 @@ class PathTargets:
 def make_paths(
     cameras: Sequence[str],
     *,
+    first: int = 0,
     frames: int | None = None,
     processes: int | None = None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> PathTargets:
     """Try every setting at every pose of simulated drives; pieces are kept in the user's cache.
 
-    `frames` is the number of poses of each, the whole drive when None. Raises UsageError for an
-    address that is not simulated, is named twice, or a drive of fewer than two poses.
+    Each begins with pose `first` and has `frames` poses, all that are left when None. Raises
+    UsageError for an address that is not simulated, is named twice, or a drive of fewer than two
+    poses.
     """
     if not cameras:
         raise UsageError(
@@ -107,9 +112,11 @@ def make_paths(
         )
     if frames is not None and frames < 2:
         raise UsageError(f"--frames must be at least 2, got {frames}")
+    if first < 0:
+        raise UsageError(f"--first must be at least 0, got {first}")
     grid = path_grid()
     workers = Workers(processes)
-    seen = see_drives(cameras, grid, frames=frames, workers=workers, progress=progress)
+    seen = see_drives(cameras, grid, first=first, frames=frames, workers=workers, progress=progress)
     return PathTargets(grid, tuple(seen), tuple(map(_source, seen)))
 
 
@@ -118,9 +125,14 @@ def _source(drive: SeenDrive) -> DriveSource:
     digest.update(np.ascontiguousarray(drive.moves).data)
     digest.update(np.ascontiguousarray(drive.steady).data)
     digest.update(np.ascontiguousarray(drive.told).data)
-    name = drive.cameras.removeprefix("sim:")
-    poses = len(drive.thumbnails)
-    return DriveSource(name, digest.hexdigest(), drive.cameras, drive.world_version, poses)
+    return DriveSource(
+        name=drive.cameras.removeprefix("sim:") + (f"@{drive.first_pose}" * (drive.first_pose > 0)),
+        sha256=digest.hexdigest(),
+        cameras=drive.cameras,
+        world_version=drive.world_version,
+        first_pose=drive.first_pose,
+        poses=len(drive.thumbnails),
+    )
 
 
 def _load(path: Path) -> PathTargets:
@@ -132,9 +144,10 @@ def _load(path: Path) -> PathTargets:
             SeenDrive(
                 cameras,
                 version,
+                first,
                 *(file[f"{part}_{index}"] for part in ("thumbnails", "moves", "steady", "told")),
             )
-            for index, (cameras, version) in enumerate(header["drives"])
+            for index, (cameras, version, first) in enumerate(header["drives"])
         )
     grid = SettingsGrid(tuple(header["exposures_us"]), tuple(header["gains_db"]))
     if any(drive.thumbnails.shape[1] != len(grid) for drive in drives):

@@ -60,7 +60,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenDrive:
-    """P poses of one drive under S settings.
+    """P poses of one drive, from `first_pose` on, under S settings.
 
     `thumbnails` is uint8 P x S x 2 x 48 x 64; `moves` int16 P-1 x S x S counts the ORB matches of
     the picture at a pose (first setting) with that at the next pose (second setting); `steady`
@@ -71,6 +71,7 @@ class SeenDrive:
 
     cameras: str
     world_version: str
+    first_pose: int
     thumbnails: NDArray[np.uint8]
     moves: NDArray[np.int16]
     steady: NDArray[np.int16]
@@ -81,39 +82,50 @@ def see_drives(
     cameras: Sequence[str],
     grid: SettingsGrid,
     *,
+    first: int,
     frames: int | None,
     workers: Workers,
     progress: Progress,
 ) -> list[SeenDrive]:
     """Return the drives of simulated cameras, in their order; worlds are of the train split.
 
-    Raises UsageError for an address that is not simulated or names a world twice.
+    Raises UsageError for an address that is not simulated, names a world twice, or whose drive has
+    fewer than two poses from `first` on.
     """
     addresses = [_resolved(address) for address in cameras]
     for address in addresses:
         if addresses.count(address) > 1:
             raise UsageError(f"{address} is named twice")
-    lengths = dict(run_all(_length, addresses, workers))
     pieces = [
         (address, start, min(start + _POSES_A_PIECE, last))
-        for address in addresses
-        for last in [min(frames or lengths[address], lengths[address]) - 1]
-        for start in range(0, last, _POSES_A_PIECE)
+        for address, length in run_all(_length, addresses, workers)
+        for last in [_last_pose(address, length, first, frames)]
+        for start in range(first, last, _POSES_A_PIECE)
     ]
     seen: dict[tuple[str, int, int], Arrays] = {}
     progress(0, len(pieces))
     for piece, arrays in run_all(partial(_piece, grid), pieces, workers):
         seen[piece] = arrays
         progress(len(seen), len(pieces))
-    return [_joined(address, [seen[p] for p in pieces if p[0] == address]) for address in addresses]
+    return [
+        _joined(address, first, [seen[piece] for piece in pieces if piece[0] == address])
+        for address in addresses
+    ]
 
 
-def _joined(address: str, parts: list[Arrays]) -> SeenDrive:
+def _last_pose(address: str, length: int, first: int, frames: int | None) -> int:
+    if first + 2 > length:
+        raise UsageError(f"{address} has {length} poses: --first {first} leaves fewer than two")
+    return (length if frames is None else min(first + frames, length)) - 1
+
+
+def _joined(address: str, first: int, parts: list[Arrays]) -> SeenDrive:
     """Join the pieces; each has one pose more than moves, which the next one repeats."""
     thumbnails = [part["thumbnails"][:-1] for part in parts] + [parts[-1]["thumbnails"][-1:]]
     return SeenDrive(
         cameras=address,
         world_version=str(parts[0]["world_version"]),
+        first_pose=first,
         thumbnails=np.concatenate(thumbnails).astype(np.uint8),
         moves=np.concatenate([part["moves"] for part in parts]).astype(np.int16),
         steady=np.concatenate([part["steady"] for part in parts]).astype(np.int16),

@@ -26,7 +26,7 @@ def make_drive(seed: int, poses: int = 40) -> SeenDrive:
     steady = 900 * np.minimum(good[:-1], good[1:])
     counts = moves.astype(np.int16), steady.astype(np.int16)
     told = counts[1] > 50
-    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", pictures, *counts, told)
+    return SeenDrive(f"sim:tunnel?seed={seed}", "synthetic/1", 0, pictures, *counts, told)
 
 
 def worth_of(

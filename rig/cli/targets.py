@@ -20,6 +20,7 @@ def targets(
     window: int = 4,
     alpha: float = 0.5,
     seeds: str | None = None,
+    first: int = 0,
     frames: Triggers = None,
     processes: int | None = None,
     workers: int | None = None,
@@ -43,8 +44,10 @@ def targets(
         Weight of feat in hybrid, 0 to 1.
     seeds:
         The worlds of simulated cameras, such as 1-12; with path only.
+    first:
+        The pose that each simulated drive begins with; with path only.
     frames:
-        Poses of each simulated drive, the whole drive when absent; with path only.
+        Poses of each simulated drive, all that are left when absent; with path only.
     processes:
         How many to work in, one a core when absent; with path only.
     workers:
@@ -62,9 +65,11 @@ def targets(
             f"{simulated[0]}: simulated cameras go with --metric path, and not with recordings"
         )
     if simulated:
-        return _paths(_worlds(simulated, seeds), out, frames, processes, terminal)
-    if seeds is not None or frames is not None or processes is not None:
-        raise UsageError("--seeds, --frames and --processes go with simulated cameras only")
+        return _paths(_worlds(simulated, seeds), out, first, frames, processes, terminal)
+    if seeds is not None or first or frames is not None or processes is not None:
+        raise UsageError(
+            "--seeds, --first, --frames and --processes go with simulated cameras only"
+        )
     out.parent.mkdir(parents=True, exist_ok=True)
     with terminal.progress("targets", None) as advance:
         found = make_targets(
@@ -86,12 +91,19 @@ def targets(
 
 
 def _paths(
-    cameras: list[str], out: Path, frames: int | None, processes: int | None, terminal: Terminal
+    cameras: list[str],
+    out: Path,
+    first: int,
+    frames: int | None,
+    processes: int | None,
+    terminal: Terminal,
 ) -> int:
     from rig.models.paths import make_paths
 
     with terminal.progress("trying settings", None) as advance:
-        found = make_paths(cameras, frames=frames, processes=processes, progress=advance)
+        found = make_paths(
+            cameras, first=first, frames=frames, processes=processes, progress=advance
+        )
     found.save(out)
     count = sum(len(drive.thumbnails) for drive in found.drives)
     terminal.result(

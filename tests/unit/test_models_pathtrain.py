@@ -47,7 +47,7 @@ QUICK = PathRecipe(
 
 def source(drive: SeenDrive) -> DriveSource:
     name, poses = drive.cameras.removeprefix("sim:"), len(drive.thumbnails)
-    return DriveSource(name, "0", drive.cameras, drive.world_version, poses)
+    return DriveSource(name, "0", drive.cameras, drive.world_version, drive.first_pose, poses)
 
 
 def save(path: Path, seeds: range) -> Path:
@@ -261,6 +261,17 @@ def test_the_card_makes_drives_of_other_lengths_by_other_commands(tmp_path: Path
     assert made.count("sim:tunnel?seed=0'") == 1
     assert "--frames 40 --out paths-40.npz" in made
     assert "map-small paths-30.npz paths-40.npz " in made
+
+
+def test_the_card_makes_stretches_by_other_commands(tmp_path: Path) -> None:
+    stretch = replace(make_drive(0, poses=30), first_pose=160)
+    whole = save(tmp_path / "whole.npz", range(1, 3))
+    PathTargets(GRID, (stretch,), (source(stretch),)).save(tmp_path / "stretch.npz")
+    result = train_paths([whole, tmp_path / "stretch.npz"], "map-small", tmp_path / "m.onnx", QUICK)
+    card = result.card.read_text()
+    assert "--metric path --first 160 --frames 30 --out paths-160-30.npz" in card
+    assert "map-small paths-40.npz paths-160-30.npz " in card
+    assert "30 poses from 160 on" in card
 
 
 def test_an_interrupted_training_keeps_a_checkpoint_of_its_own(tmp_path: Path) -> None:

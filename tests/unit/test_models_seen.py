@@ -145,6 +145,15 @@ def test_pieces_join_as_if_they_were_one(monkeypatch: pytest.MonkeyPatch) -> Non
     assert whole.sources == parts.sources
 
 
+@pytest.mark.usefixtures("no_cache")
+def test_a_drive_may_begin_on_the_way() -> None:
+    whole, part = make_paths([WALL], frames=4), make_paths([WALL], first=2, frames=2)
+    assert np.array_equal(whole.drives[0].moves[2:], part.drives[0].moves)
+    assert np.array_equal(whole.drives[0].thumbnails[2:], part.drives[0].thumbnails)
+    assert (part.sources[0].first_pose, part.sources[0].poses) == (2, 2)
+    assert part.sources[0].name == f"{whole.sources[0].name}@2"
+
+
 @pytest.mark.parametrize(
     ("cameras", "options", "complaint"),
     [
@@ -152,6 +161,8 @@ def test_pieces_join_as_if_they_were_one(monkeypatch: pytest.MonkeyPatch) -> Non
         ([WALL, WALL], {}, "named twice"),
         (["replay:/nowhere"], {}, "only simulated cameras"),
         ([WALL], {"frames": 1}, "at least 2"),
+        ([WALL], {"first": -1}, "at least 0, got -1"),
+        ([WALL], {"first": 100_000}, "leaves fewer than two"),
         ([WALL], {"processes": 0}, "number of processes"),
     ],
 )
