@@ -125,8 +125,9 @@ def _source(drive: SeenDrive) -> DriveSource:
     digest.update(np.ascontiguousarray(drive.moves).data)
     digest.update(np.ascontiguousarray(drive.steady).data)
     digest.update(np.ascontiguousarray(drive.told).data)
+    stretch = f"@{drive.first_pose}" if drive.first_pose else ""
     return DriveSource(
-        name=drive.cameras.removeprefix("sim:") + (f"@{drive.first_pose}" * (drive.first_pose > 0)),
+        name=drive.cameras.removeprefix("sim:") + stretch,
         sha256=digest.hexdigest(),
         cameras=drive.cameras,
         world_version=drive.world_version,
