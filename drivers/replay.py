@@ -1,13 +1,14 @@
 """The frames of a recording as a pair of cameras: `replay:FILE`.
 
 They come as they were taken, whatever is asked for; their settings tell so. Losses come again as
-losses, and time is that of the recording.
+losses, and time is that of the recording. Triggers are counted anew: a repaired recording may lack
+some in between.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.core.clock import VirtualClock
@@ -45,6 +46,11 @@ class _Player:
 
     def __post_init__(self) -> None:
         self.records = self.recording.records()
+
+    @property
+    def last(self) -> int:
+        """Return the number of the last trigger."""
+        return len(self.poses) - 1
 
     def step(self) -> None:
         """Go on to the next record; raises CameraLost behind the last."""
@@ -93,7 +99,7 @@ class ReplayCamera:
             raise GrabTimeout(f"camera {self.serial}: no trigger was fired", "no trigger")
         shot = getattr(self.player.now.shot, self.side)
         if isinstance(shot, Frame):
-            return shot
+            return replace(shot, sequence=self.player.last)
         cause = shot.cause.removeprefix(f"{self.side}: ")
         raise GrabTimeout(f"camera {self.serial}: lost in the recording: {cause}", cause)
 

@@ -174,7 +174,7 @@ def _in_processes(
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
+            child.kill()  # a drive takes any other signal for the end of itself alone
         raise
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rig.core.errors import GrabTimeout
+from rig.core.errors import CameraError, GrabTimeout
 from rig.core.protocols import Camera, Source
 from rig.core.types import (
     MAX_PAIR_OFFSET_NS,
@@ -56,8 +56,11 @@ class CameraPair:
 
     @property
     def limits(self) -> Pair[Limits]:
-        """Return what both cameras can take, inside what the rig allows."""
-        return Pair(*(camera.limits.within(self.allowed) for camera in self.source.cameras))
+        """Return what both cameras can take, inside what the rig allows.
+
+        Raises CameraError for a camera that can take nothing of it.
+        """
+        return Pair(*(_limits(camera, self.allowed) for camera in self.source.cameras))
 
     def apply(self, commands: Pair[Command]) -> Pair[Command]:
         """Set what the next exposures use; return the commands as the cameras rounded them."""
@@ -92,6 +95,21 @@ class CameraPair:
         if self.source.rate_hz is not None:
             due_ns = self.first_trigger_ns + round(self.triggers / self.source.rate_hz * NS_PER_S)
             self.source.clock.sleep_s((due_ns - now_ns) / NS_PER_S)
+
+
+def _limits(camera: Camera, allowed: Limits) -> Limits:
+    try:
+        return camera.limits.within(allowed)
+    except ValueError:
+        raise CameraError(
+            f"{camera.serial}: takes {_spelled(camera.limits)}, of which the rig's "
+            f"{_spelled(allowed)} leave nothing; use another camera, or correct its camera file"
+        ) from None
+
+
+def _spelled(limits: Limits) -> str:
+    (low_us, high_us), (low_db, high_db) = limits.exposure_us, limits.gain_db
+    return f"{low_us:g} to {high_us:g} us and {low_db:g} to {high_db:g} dB"
 
 
 def _grab(side: Side, camera: Camera, trigger: int, timeout_s: float) -> Frame | Lost:

@@ -185,7 +185,9 @@ class ArmedCamera:
     def keep_clock(self) -> None:
         """Measure the camera's clock again when the last time is long ago."""
         if self._fit is not None:
-            self._fit.keep_fresh()
+            self._check_control()
+            with self._blaming_control():
+                self._fit.keep_fresh()
 
     def grab(self, timeout_s: float) -> Frame:
         """Wait for a frame; raises GrabTimeout with what the camera's counters tell."""

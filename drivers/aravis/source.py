@@ -173,13 +173,17 @@ class SegmentCamera:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What is known of the run beside the cameras; nothing of a real place."""
+    """What is known of the run beside the cameras; nothing of a real place.
+
+    Every trigger looks from a new pose, unless a simulation behind the cameras stands still.
+    """
 
     address: str
     intrinsics: Pair[Intrinsics] | None = None
     drive_triggers: int | None = None
     world_version: str = ""
     truth: Callable[[int], Truth | None] = lambda _: None
+    pose_index: Callable[[int], int] = lambda trigger: trigger
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,12 +229,15 @@ class AravisSource:
         return self.surroundings.world_version
 
     def pose_index(self, trigger: int) -> int:
-        """Return the trigger itself: every trigger looks from a new pose."""
-        return trigger
+        """Return the number of the pose that a trigger looks from."""
+        return self.surroundings.pose_index(trigger)
 
     def truth(self, trigger: int) -> Truth | None:
-        """Return what a simulation behind the cameras knows of a trigger."""
-        return self.surroundings.truth(trigger)
+        """Return what a simulation behind the cameras knows of a trigger.
+
+        That is nothing after a loss: cameras that are opened again begin their drive again.
+        """
+        return self.surroundings.truth(trigger) if self.segments.number == 1 else None
 
     def close(self) -> None:
         """Close both cameras."""

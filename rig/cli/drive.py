@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig.cli.exits import INTERRUPTED, LOSSES, OK
@@ -14,9 +14,10 @@ from rig.cli.terminal import Advance, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions, watched
 from rig.core.errors import RecordingError
 from rig.core.protocols import PairPolicy, Source
-from rig.core.types import THESIS_LIMITS, Pair
+from rig.core.types import Pair
 from rig.experiments.replay import limit_options
 from rig.loop import RunSummary, run_pair
+from rig.pair import CameraPair
 from rig.record.header import RunHeader
 from rig.record.recover import repair_left_behind
 from rig.record.writer import Expected, RecordWriter
@@ -24,7 +25,7 @@ from rig.record.writer import Expected, RecordWriter
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A finished recording and how it ended."""
+    """A finished recording and how it ended; `run` counts what was recorded."""
 
     folder: Path
     run: RunSummary
@@ -59,7 +60,8 @@ def record_drive(
         watched(recorder, web, terminal, source.address, folder, triggers) as watching,
     ):
         run = run_pair(source, policy, watching, until(triggers, stop, advance))
-    return Drive(folder, run, stop.requested)
+    recorded = replace(run, complete=run.complete - recorder.pairs_dropped)
+    return Drive(folder, recorded, stop.requested)
 
 
 def repair_killed_runs(runs: Path, terminal: Terminal) -> None:
@@ -97,7 +99,7 @@ def make_header(
 ) -> RunHeader:
     """Return what the recording says about itself before its first frame."""
     primary, secondary = source.cameras
-    limits = Pair(*(camera.limits.within(THESIS_LIMITS) for camera in source.cameras))
+    limits = CameraPair(source).limits
     return RunHeader(
         command=command_line(),
         cameras=source.address,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import zstandard
@@ -10,6 +12,7 @@ from mcap.opcode import Opcode
 
 from rig.core.errors import RecordingError
 from rig.record import bag
+from rig.record.cdr import Buffer
 from rig.record.container import (
     CHUNK_HEADER,
     MAGIC,
@@ -35,14 +38,15 @@ def archive(recording: Recording, folder: Path, progress: Callable[[int], None])
     """Write the recording anew into `folder`, each chunk compressed by zstd.
 
     Every message stays as it is, byte for byte, so `rig verify` proves the archive as it proves
-    the recording. Raises RecordingError when the folder exists or cannot be written.
+    the recording. Raises RecordingError when the folder exists or cannot be written; one that
+    could not be ended is taken away.
     """
     try:
         folder.mkdir(parents=True)
-        for part in recording.parts:
-            with damage(part), Container(part) as source:
-                _archive_part(source, folder / part.name, progress)
-        bag.describe(folder / recording.path.name)
+        with _taken_away_unless_ended(folder):
+            for part in recording.parts:
+                _archive_part(part, folder / part.name, progress)
+            bag.describe(folder / recording.path.name)
     except OSError as error:
         raise RecordingError(
             f"cannot write {folder}: {error.strerror}; name a new folder with --out"
@@ -50,41 +54,56 @@ def archive(recording: Recording, folder: Path, progress: Callable[[int], None])
     return folder
 
 
-def _archive_part(source: Container, out: Path, progress: Callable[[int], None]) -> None:
-    index, compressor = Index(), zstandard.ZstdCompressor(level=LEVEL)
+@contextmanager
+def _taken_away_unless_ended(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _archive_part(part: Path, out: Path, progress: Callable[[int], None]) -> None:
     file = RecordingFile(out, reserve_bytes=_RESERVE_BYTES, live=False)
     try:
-        file.write([MAGIC])
-        for extent in source.extents():
-            if extent.opcode == Opcode.DATA_END:
-                break
-            if extent.opcode == Opcode.CHUNK:
-                _copy_chunk(source, extent, index, file, compressor)
-            elif extent.opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
-                _copy(source, extent, index, file)
-            progress(extent.end)
-        file.write([index.ending(file.tell())])
+        for end, pieces in _compressed_part(part, file.tell):
+            file.write(pieces)
+            progress(end)
     finally:
         file.close()
 
 
-def _copy(source: Container, extent: Extent, index: Index, file: RecordingFile) -> None:
-    start = file.tell()
+def _compressed_part(part: Path, tell: Callable[[], int]) -> Iterator[tuple[int, list[Buffer]]]:
+    """Yield how far the part was read, and what is to be written next at `tell()`."""
+    index, compressor = Index(), zstandard.ZstdCompressor(level=LEVEL)
+    with damage(part), Container(part) as source:
+        yield len(MAGIC), [MAGIC]
+        for extent in source.extents():
+            if extent.opcode == Opcode.DATA_END:
+                break
+            if extent.opcode == Opcode.CHUNK:
+                yield extent.end, _chunk(source, extent, index, tell(), compressor)
+            elif extent.opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
+                yield extent.end, _copy(source, extent, index, tell())
+        yield source.size, [index.ending(tell())]
+
+
+def _copy(source: Container, extent: Extent, index: Index, start: int) -> list[Buffer]:
     if extent.opcode == Opcode.ATTACHMENT:
         index.add_attachment(start, extent.size, source.parsed(extent))
     elif extent.opcode == Opcode.METADATA:
         index.add_metadata(start, extent.size, source.parsed(extent).name)
     header = RECORD_HEADER.pack(extent.opcode, extent.size - RECORD_HEADER.size)
-    file.write([header, source.body(extent)])
+    return [header, source.body(extent)]
 
 
-def _copy_chunk(
+def _chunk(
     source: Container,
     extent: Extent,
     index: Index,
-    file: RecordingFile,
+    start: int,
     compressor: zstandard.ZstdCompressor,
-) -> None:
+) -> list[Buffer]:
     body = source.body(extent)
     chunk = read_chunk(body)
     if not chunk.crc_holds:
@@ -92,11 +111,11 @@ def _copy_chunk(
     note_channels(chunk, index)
     packed = compressor.compress(chunk.records)
     data = _compressed(chunk, _crc(body), packed)
-    place = Extent(Opcode.CHUNK, file.tell(), len(data))
+    place = Extent(Opcode.CHUNK, start, len(data))
     sizes = (len(packed), len(chunk.records))
     times_ns = (chunk.start_time_ns, chunk.end_time_ns)
     following = index.add_chunk(place, times_ns, sizes, places_of(chunk), "zstd")
-    file.write([data, following])
+    return [data, following]
 
 
 def _crc(body: bytearray) -> int:

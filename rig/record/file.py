@@ -8,6 +8,7 @@ import fcntl
 import os
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from rig.record.backing import open_new
@@ -80,6 +81,12 @@ def is_held(recording: Path) -> bool:
     finally:
         os.close(fd)
     return False
+
+
+def give_back(recording: Path) -> None:
+    """Give the room that a killed recorder kept back to the disk; the mark that it was remains."""
+    with suppress(FileNotFoundError):
+        os.truncate(reserve_path(recording), 0)
 
 
 def free_bytes(folder: Path) -> int:
@@ -158,6 +165,8 @@ class RecordingFile:
         try:
             os.ftruncate(fd, self._position)
             os.fsync(fd)
+            if self._syncer is not None:
+                self._syncer.check()  # a disk tells of an error once: perhaps to that thread
         finally:
             self._reserve.release()
             os.close(fd)

@@ -32,10 +32,11 @@ _SLACK_BYTES = 256
 
 
 class Frames:
-    """Random access to the frames of a recording by the number of their trigger, counted from 0.
+    """Random access to the frames of a recording by their place in it, counted from 0.
 
-    Opening reads the index, some 30 bytes a frame; a frame costs one read and the check of its
-    pixel hash. Use it in a `with` block; one thread at a time.
+    That is the number of their trigger, but behind what a repair has hidden. Opening reads the
+    index, some 30 bytes a frame; a frame costs one read and the check of its pixel hash. Use it in
+    a `with` block; one thread at a time.
     """
 
     def __init__(self, path: Path | str) -> None:

@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from rig.core.errors import RecordingDamaged, RecordingError
 from rig.record import bag, container, header, topics, totals
 from rig.record.container import MAGIC, Container, damage
-from rig.record.file import is_held, reserve_path
+from rig.record.file import give_back, is_held, reserve_path
 from rig.record.header import NEXT, RECOVERY
 from rig.record.index import Index
 from rig.record.reader import attachments_of, metadata_of
@@ -51,7 +51,10 @@ def recover(path: Path | str) -> Recovery:
         found = list(_recover_parts(files))
         bag.describe(first)
     except OSError as error:
-        raise RecordingError(f"cannot repair {first}: {error.strerror}") from error
+        raise RecordingError(
+            f"cannot repair {first}: {error.strerror}; make the disk writable, with a few MB free, "
+            f"and run: rig recover {first}"
+        ) from error
     return Recovery(
         repaired=any(each.repaired for each in found),
         triggers=sum(each.triggers for each in found),
@@ -121,6 +124,7 @@ def _recover_file(file: Path, *, is_last: bool) -> Recovery:
         intact = not scan.patches and source.bytes_at(scan.end, len(ending) + 1) == ending
         dropped = 0 if intact else scan.unreadable_bytes()
     if not intact:
+        give_back(file)
         _rewrite(file, scan.patches, scan.end, ending)
     reserve_path(file).unlink(missing_ok=True)
     return Recovery(not intact, triggers, scan.index.chunks, scan.skipped_chunks, dropped)

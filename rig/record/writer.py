@@ -62,6 +62,7 @@ class RecordWriter:
         self._places: queue.SimpleQueue[None] = queue.SimpleQueue()
         for _ in range(_WAITING_REAL_TIME if real_time else _WAITING_VIRTUAL_TIME):
             self._places.put(None)
+        self._pairs_dropped = 0
         self._failure: RecordingError | None = None
         self._reported = False
         self._stopped = False
@@ -90,6 +91,11 @@ class RecordWriter:
         self._open = True
         return self
 
+    @property
+    def pairs_dropped(self) -> int:
+        """Return how many whole pairs were lost here, because the disk was too slow."""
+        return self._pairs_dropped
+
     def write(self, record: PairRecord) -> None:
         """Queue one record; raises RecordingError when an earlier one could not be written."""
         if not self._open:
@@ -98,6 +104,7 @@ class RecordWriter:
         if self._take_place():
             self._queue.put((record, True))
             return
+        self._pairs_dropped += record.cause == ""
         self._queue.put((without_pictures(record, QUEUE_FULL), False))
         if self._queue.qsize() > _STALLED_TRIGGERS:
             raise RecordingError(

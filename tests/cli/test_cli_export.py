@@ -10,12 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from record_disk import SmallDisk
 from record_samples import HEADER, assert_same, frame, half, record, write
 from scipy.spatial.transform import Rotation
 
 from rig.cli.main import run
+from rig.core.errors import RecordingError
 from rig.core.types import Frame, PairRecord, Truth
-from rig.record import cdr, sink, topics
+from rig.record import archive, backing, cdr, file, sink, topics
 from rig.record.container import parts
 from rig.record.frames import Frames
 from rig.record.reader import open_recording
@@ -124,6 +126,19 @@ def test_a_video_has_every_trigger_at_the_recorded_rate(recorded: Path) -> None:
         assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == 4
         assert (film.get(cv2.CAP_PROP_FRAME_WIDTH), film.get(cv2.CAP_PROP_FRAME_HEIGHT)) == (32, 24)
         film.release()
+
+
+def test_an_archive_for_which_there_is_no_room_is_taken_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "run", [record(trigger) for trigger in range(60)])
+    monkeypatch.setattr(archive, "_RESERVE_BYTES", 1000)
+    for module in (backing, file):
+        monkeypatch.setattr(module, "os", SmallDisk(capacity=1500))
+    out = tmp_path / "archived"
+    with pytest.raises(RecordingError, match=f"cannot write {out}: No space left on device"):
+        archive.archive(open_recording(tmp_path / "run"), out, lambda _: None)
+    assert not out.exists()
 
 
 def test_an_archive_is_the_same_recording_in_fewer_bytes(

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from plane_scene import HEIGHT_PX, WIDTH_PX
-from served_pair import needs_aravis, plane_plan, served
+from plane_scene import HEIGHT_PX, WIDTH_PX, PlaneScene
+from served_pair import needs_aravis, plane_plan, plane_surroundings, served
 
 from rig.cli.main import run
 from rig.core.types import Frame, Pair, PairRecord, Settings
 from rig.drivers.aravis.session import Mode, PairSpec
 from rig.drivers.aravis.source import AravisSource, Surroundings, open_pair
+from rig.drivers.registry import open_source
 from rig.drivers.simulated.gige.server import Server
 from rig.pair import CameraPair, PairShot
 from rig.record.reader import open_recording
@@ -61,6 +62,34 @@ def test_free_run_pairs_exposures_of_one_instant() -> None:
         periods = np.diff(starts_ns) / 50e6
         assert np.all(np.abs(periods - np.round(periods)) < 0.05)
         assert shots[-1].frames.primary.used.exposure_us >= 2_003.0
+
+
+def test_truth_is_told_only_where_it_is_known() -> None:
+    scene = PlaneScene(20.0)
+    surroundings = plane_surroundings("gige:test", scene)
+    with served(plane_plan()) as server:
+        spec = PairSpec(server.addresses, rate_hz=None)
+        with closing(open_pair(spec, surroundings)) as source:
+            pair = CameraPair(source)
+            shoot(pair, 1_000.0)
+            assert source.truth(0) == scene.truth(0.0)
+            server.devices.primary.faults.drop_control = True
+            time.sleep(0.2)
+            while source.segments.number == 1:
+                shoot(pair, 1_000.0)
+            assert source.truth(pair.triggers - 1) is None  # the pictures begin again
+
+
+@pytest.mark.parametrize(
+    ("options", "poses", "known"),
+    [("stand=2@0.3", [0, 0, 1], True), ("mode=free-run", [0, 1, 2], False)],
+)
+def test_a_served_simulation_tells_what_it_knows(
+    options: str, poses: list[int], known: bool
+) -> None:
+    with closing(open_source(f"gige:sim:wall?size=320x240&{options}", seed=0)) as source:
+        assert [source.pose_index(trigger) for trigger in range(3)] == poses
+        assert (source.truth(0) is not None) == known
 
 
 def records(folder: Path) -> list[PairRecord]:

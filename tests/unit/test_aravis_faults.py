@@ -163,6 +163,21 @@ def test_a_camera_that_drops_its_client_ends_the_segment(open_rig: OpenRig) -> N
     assert source.segments.number == 2
 
 
+@pytest.mark.parametrize("side", ["primary", "secondary"])
+def test_control_that_is_gone_when_the_clock_is_looked_at_ends_the_segment(
+    open_rig: OpenRig, monkeypatch: pytest.MonkeyPatch, side: str
+) -> None:
+    pair, server, source = open_rig()
+    pair.apply(settings())
+    pair.shoot()
+    monkeypatch.setattr("rig.drivers.aravis.times.REFIT_NS", 0)
+    getattr(server.devices, side).faults.drop_control = True
+    time.sleep(0.2)
+    assert "camera lost, segment 1 ended" in pair.shoot().cause
+    shots_until_whole(pair, settings())
+    assert source.segments.number == 2
+
+
 def test_cameras_that_stay_away_end_the_run(
     open_rig: OpenRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+import time
 import warnings
 from collections.abc import Iterator
 from functools import partial
@@ -107,6 +109,23 @@ def test_a_killed_process_is_named_and_takes_no_other_task_with_it() -> None:
         for name, result in run_tasks(killed_at_three, TASKS, Workers(2)):
             found[name] = result
     assert sorted(found.values()) == [0, 1, 2, 4, 5]
+
+
+def deaf(number: int) -> int:
+    """End at once or, whatever one asks politely, in an hour."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    time.sleep(3600 * number)
+    return number
+
+
+def test_stopping_early_ends_processes_that_take_signals_for_themselves() -> None:
+    before = set(multiprocessing.active_children())
+    results = run_tasks(deaf, {"quick": 0, "slow": 1, "slower": 2}, Workers(2))
+    assert next(results) == ("quick", 0)
+    results.close()  # type: ignore[attr-defined]
+    for child in set(multiprocessing.active_children()) - before:
+        child.join(timeout=20)
+        assert not child.is_alive()
 
 
 def test_what_cannot_be_meant_is_refused() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.core.clock import VirtualClock
-from rig.core.errors import GrabTimeout
+from rig.core.errors import CameraError, GrabTimeout
 from rig.core.protocols import Clock
 from rig.core.types import (
     MAX_PAIR_OFFSET_NS,
@@ -154,6 +154,14 @@ def test_both_cameras_are_set_before_the_trigger_and_read_after() -> None:
     source = make_source()
     drive(source, 1)
     assert source.cameras.primary.log == ["apply", "trigger", "grab"]
+
+
+def test_a_camera_that_the_rig_leaves_nothing_is_named() -> None:
+    source = make_source(limits=Limits(exposure_us=(10.0, 60.0)))
+    with pytest.raises(
+        CameraError, match=r"2: takes 10 to 60 us .* 75 to 30000 us .* leave nothing"
+    ):
+        drive(source, 1)
 
 
 def test_triggers_keep_their_pace() -> None:

@@ -263,7 +263,8 @@ def test_a_failed_sync_is_raised_by_the_next_write(
     file._syncer._thread.join()
     with pytest.raises(OSError, match=os.strerror(errno.EIO)):
         file.write([b"more"])
-    file.close()
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)):
+        file.close()
 
 
 class Timed(RealOs):

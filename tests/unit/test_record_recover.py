@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import zlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.opcode import Opcode
@@ -12,11 +15,13 @@ from mcap.stream_reader import StreamReader
 from record_samples import assert_same, half, record, write
 
 from rig.core.errors import RecordingDamaged, RecordingError
+from rig.drivers.registry import open_source
+from rig.pair import CameraPair
 from rig.record import sink
 from rig.record.container import Container
 from rig.record.info import info
 from rig.record.reader import open_recording
-from rig.record.recover import recover
+from rig.record.recover import _rewrite, recover
 from rig.record.verify import verify
 
 RECORDS = [record(0), half(1), record(2), record(3)]
@@ -128,6 +133,39 @@ def test_room_kept_back_by_a_killed_run_is_given_back(tmp_path: Path, whole: byt
     assert not reserve.exists()
 
 
+def test_a_full_disk_has_room_for_the_index_where_the_reserve_lies(
+    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, reserve = tmp_path / "run.mcap", tmp_path / "run.mcap.reserve"
+    file.write_bytes(whole[:-50])
+    reserve.write_bytes(bytes(1000))
+
+    def fill_up(path: Path, *what: Any) -> None:
+        if reserve.stat().st_size:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        _rewrite(path, *what)
+
+    monkeypatch.setattr("rig.record.recover._rewrite", fill_up)
+    assert recover(file).repaired
+    assert verify(file).sound
+
+
+def test_a_repair_without_room_says_how_to_go_on(
+    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, reserve = tmp_path / "run.mcap", tmp_path / "run.mcap.reserve"
+    file.write_bytes(whole[:-50])
+    reserve.write_bytes(bytes(1000))
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("rig.record.recover._rewrite", full)
+    with pytest.raises(RecordingError, match=f"No space left.*run: rig recover {file}"):
+        recover(file)
+    assert reserve.exists()  # the next run tries it again
+
+
 def test_a_tail_of_zeros_after_lost_power_is_dropped(tmp_path: Path, whole: bytes) -> None:
     file = tmp_path / "run.mcap"
     size = len(whole) // 2
@@ -151,6 +189,20 @@ def test_a_corrupt_chunk_in_the_middle_is_hidden_and_reported(tmp_path: Path, wh
     assert_doctor_clean(file)
     assert any("trigger 2: follows trigger 0" in each for each in verify(file).false_claims)
     assert not recover(file).repaired
+
+
+def test_pairs_behind_a_hidden_chunk_are_replayed(tmp_path: Path, whole: bytes) -> None:
+    file = tmp_path / "run.mcap"
+    with Container(tmp_path / "whole" / "run.mcap") as container:
+        chunks = [e for e in container.extents() if e.opcode == Opcode.CHUNK]
+    data = bytearray(whole)
+    data[chunks[1].end - 1] ^= 0xFF
+    file.write_bytes(data)
+    recover(file)
+    pair = CameraPair(open_source(f"replay:{tmp_path}", seed=0))
+    shots = [pair.shoot() for _ in range(3)]
+    assert [shot.cause for shot in shots] == ["", "", ""]
+    assert [shot.frames.primary.sequence for shot in shots] == [0, 1, 2]
 
 
 def test_more_than_a_cut_is_refused_unchanged(tmp_path: Path, whole: bytes) -> None:

@@ -38,10 +38,13 @@ def open_over_gige(
 
 
 def _surroundings(simulated: SimulatedSource, mode: Mode) -> Surroundings:
+    """Return what is known of the drive; not where a camera at its own pace was when."""
+    known = {} if mode == "free-run" else {"truth": simulated.truth}
     return Surroundings(
         address=f"{SCHEME}:{simulated.address}" + ("" if mode == "next-frame" else f"&mode={mode}"),
         intrinsics=Pair(*simulated.intrinsics),
         drive_triggers=simulated.drive_triggers,
         world_version=simulated.world_version,
-        truth=simulated.truth,
+        pose_index=simulated.pose_index,
+        **known,
     )
