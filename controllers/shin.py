@@ -127,6 +127,8 @@ class ShinController:
         self._flat_frames = self._flat_frames + 1 if score.flat else 0
         if self._search is not None and self._flat_frames < FLAT_FRAMES_MAX:
             return self._continue_search(self._search, frame.used, score)
+        if self._best is not None and not self._arrival.due(frame.used, self._command):
+            return self._command
         if score.flat:
             return self._steer(frame)
         if self._best is not None and self._is_near(self._best, score.score):

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.bulk import Workers, run_all
-from rig.config import load_camera_model
+from rig.config import camera_digest
 from rig.core.errors import UsageError
-from rig.core.types import Intrinsics, Settings, Truth
+from rig.core.types import Intrinsics, PixelFormat, Settings, Truth
 from rig.core.units import US_PER_S
 from rig.drivers.addresses import parse_address
 from rig.drivers.registry import open_source
@@ -93,9 +93,7 @@ def see_drives(
     fewer than two poses from `first` on.
     """
     addresses = [_resolved(address) for address in cameras]
-    for address in addresses:
-        if addresses.count(address) > 1:
-            raise UsageError(f"{address} is named twice")
+    _require_apart(addresses)
     pieces = [
         (address, start, min(start + _POSES_A_PIECE, last))
         for address, length in run_all(_length, addresses, workers)
@@ -111,6 +109,19 @@ def see_drives(
         _joined(address, first, [seen[piece] for piece in pieces if piece[0] == address])
         for address in addresses
     ]
+
+
+def _require_apart(addresses: Sequence[str]) -> None:
+    meant = [_meant(address) for address in addresses]
+    for address, drive in zip(addresses, meant, strict=True):
+        if meant.count(drive) > 1:
+            raise UsageError(f"{address} is named twice")
+
+
+def _meant(address: str) -> tuple[str, frozenset[tuple[str, str]]]:
+    """Return what two spellings of one drive share."""
+    parsed = parse_address(address)
+    return parsed.name, frozenset({"split": "train", "seed": "0", **parsed.options}.items())
 
 
 def _last_pose(address: str, length: int, first: int, frames: int | None) -> int:
@@ -154,6 +165,10 @@ class _Opened:
     scene: Scene
     sensor: Sensor
 
+    @property
+    def pixel_format(self) -> PixelFormat:
+        return self.source.drive.model.picture.format
+
 
 @lru_cache(maxsize=1)
 def _open(address: str) -> _Opened:
@@ -162,15 +177,17 @@ def _open(address: str) -> _Opened:
     if not isinstance(source, SimulatedSource):
         raise UsageError(f"{address}: only simulated cameras know depth and poses")
     lens = source.scene.intrinsics("primary")
-    model = load_camera_model(parse_address(source.address).options["camera"])
-    return _Opened(source, source.scene, Sensor(model, (lens.height_px, lens.width_px), seed=0))
+    sensor = Sensor(source.drive.model, (lens.height_px, lens.width_px), seed=0)
+    return _Opened(source, source.scene, sensor)
 
 
 def _piece(grid: SettingsGrid, piece: tuple[str, int, int]) -> tuple[tuple[str, int, int], Arrays]:
     """Return a piece with its poses `first` to `last`, both included, from the cache or seen."""
     address, first, last = piece
     opened = _open(address)
-    words = (opened.source.address, opened.source.world_version, grid, first, last, RECIPE)
+    camera = parse_address(opened.source.address).options["camera"]
+    shown = opened.source.address + camera_digest(camera)
+    words = (shown, opened.source.world_version, grid, first, last, RECIPE)
     return piece, cached("seen", repr(words), lambda: _see(opened, grid, first, last))
 
 
@@ -266,14 +283,14 @@ def _look(opened: _Opened, grid: SettingsGrid, pose: int) -> _Look:
         for number, gain_db in enumerate(grid.gains_db):
             noise_seed = (pose * len(grid) + index * len(grid.gains_db) + number) * 2 + 1
             picture = opened.sensor.develop(radiance, Settings(exposure_us, gain_db), noise_seed)
-            small.append(thumbnail(picture, "bayer_rggb8"))
+            small.append(thumbnail(picture, opened.pixel_format))
             hopeless = hopeless or small[-1][1].mean() > HOPELESS_SATURATED * 255
-            found.append((_NO_FEATURES, None) if hopeless else _searched(picture))
+            grey = to_grey(picture, opened.pixel_format)
+            found.append((_NO_FEATURES, None) if hopeless else _searched(grey))
     orb, viso2 = zip(*found, strict=True)
     return _Look(np.stack(small), feature_sets(orb, grid.cells()[:, 0].tolist()), viso2)
 
 
-def _searched(picture: NDArray[np.uint8]) -> tuple[OrbFeatures, Viso2Features | None]:
-    grey = to_grey(picture, "bayer_rggb8")
+def _searched(grey: NDArray[np.uint8]) -> tuple[OrbFeatures, Viso2Features | None]:
     orb = OrbFrontEnd().features(grey)
     return orb, Viso2FrontEnd().features(grey) if len(orb) >= FEW_FEATURES else None

@@ -57,11 +57,12 @@ def hold_back(recordings: Sequence[From], names: Sequence[str], seed: int) -> Sp
 
 def world_of(recording: Origin) -> str:
     """Return what two recordings of one simulated world share; a real drive is its own world."""
-    scene, _, query = recording.cameras.partition("?")
-    options = parse_qs(query)
-    if "seed" not in options:
+    scene, _, query = recording.cameras.removeprefix("gige:").partition("?")
+    if not scene.startswith("sim:"):
         return recording.sha256
-    return f"{scene}?split={options.get('split', [''])[0]}&seed={options['seed'][0]}"
+    options = parse_qs(query)
+    split, seed = options.get("split", ["train"]), options.get("seed", ["0"])
+    return f"{scene}?split={split[0]}&seed={seed[0]}"
 
 
 def _by_name(recordings: Sequence[Origin], names: Sequence[str]) -> frozenset[str]:

@@ -55,10 +55,11 @@ def train(
     _require_new(out, int8)
     data = _load(targets, held_back, seed)
     tell = progress or (lambda _: None)
-    log = out.with_suffix(f".{data.sha256[:8]}.search")
+    held = [source.sha256 for source in data.split.held_back]
+    log = _search_log(out, recipe, identity(recipe, data.sha256, held))
     if search:
         recipe = best_recipe(recipe, search, data.training, data.validation, log, tell)
-    told = identity(recipe, data.sha256, [source.sha256 for source in data.split.held_back])
+    told = identity(recipe, data.sha256, held)
     checkpoint = Checkpoint(out.with_suffix(".checkpoint"), told)
     fit = _fit(recipe, checkpoint, data, tell)
     parity = export_network(
@@ -91,6 +92,12 @@ def train(
     checkpoint.remove()
     log.unlink(missing_ok=True)
     return result
+
+
+def _search_log(out: Path, recipe: Recipe, told: str) -> Path:
+    """Return where the trials of a search are kept; those of another training lie elsewhere."""
+    words = f"{told} {recipe.epochs}".encode()
+    return out.with_suffix(f".{hashlib.sha256(words).hexdigest()[:8]}.search")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import hashlib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -155,6 +156,16 @@ def load_camera_model(name_or_path: str) -> CameraModel:
     close = difflib.get_close_matches(name_or_path, shipped, n=1)
     hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(sorted(shipped))}."
     raise ConfigError(f"unknown camera model {name_or_path!r}; {hint} Or name a .toml file.")
+
+
+def camera_digest(name_or_path: str) -> str:
+    """Return what tells one camera file from another of that name; empty for a shipped model.
+
+    What was worked out for a camera is kept under its name, and a file may change. Raises OSError
+    when the file is gone.
+    """
+    path = Path(name_or_path)
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.suffix == ".toml" else ""
 
 
 class LensCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -23,8 +23,9 @@ _SPREADS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class PhotonTransfer:
-    """`level_per_e` is the share of the converter's range that an electron fills at 0 dB.
+    """`level_per_e` is the share of the converter's range that an electron fills at the lowest gain.
 
+    `full_well_e` is what fills the range there: of a camera that goes down to 0 dB its full well.
     `scatter` is the root-mean-square relative distance of the steps' variances from the line.
     """
 

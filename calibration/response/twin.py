@@ -12,7 +12,7 @@ from rig.calibration.response.fit import debevec_difference_dn, fit_curve
 from rig.calibration.response.photon_transfer import PhotonTransfer, photon_transfer
 from rig.calibration.response.step import Step, measurable
 from rig.config import CameraModel
-from rig.core.units import US_PER_S, gain_db
+from rig.core.units import US_PER_S, gain_db, gain_factor
 from rig.drivers.sensor.sensor import electrons_per_cd_m2_s
 
 
@@ -33,13 +33,18 @@ class Twin:
 
     @property
     def gains_db(self) -> dict[str, float]:
-        """Return what each gain of the bracket really amplifies by, by its stated value."""
-        return {f"{stated:g}": gain_db(factor) for stated, factor in self.curve.gains.items()}
+        """Return what each gain of the bracket really amplifies by, by its stated value.
+
+        The lowest is taken at its word: a bracket tells by what the others are above it.
+        """
+        gains = self.curve.gains
+        return {f"{stated:g}": min(gains) + gain_db(factor) for stated, factor in gains.items()}
 
     @property
     def e_per_dn(self) -> float:
         """Return the electrons per step of the converter at 0 dB."""
-        return 1 / (self.noise.level_per_e * ((1 << self.bits) - 1))
+        at_lowest_gain = 1 / (self.noise.level_per_e * ((1 << self.bits) - 1))
+        return at_lowest_gain * gain_factor(min(self.curve.gains))
 
     @property
     def black_level_dn(self) -> float:

@@ -56,7 +56,7 @@ def bound(
             dask=dask,
             progress=advance,
         )
-    best = found.best_constant
+    best, steadiest = found.best_constant, found.steadiest_constant
     terminal.result(
         f"SIMULATED: {found.cameras}\n"
         f"best median {found.best_median}, best minimum {found.best_min}: each by a path of its "
@@ -64,7 +64,10 @@ def bound(
         f"in other noise the same paths have a median of {found.replayed.median:.0f} and a minimum "
         f"of {found.replayed.min:.0f}\n"
         f"best constant {best.settings.exposure_us:.0f} us, {best.settings.gain_db:g} dB: "
-        f"median {best.median:.0f}, minimum {best.min}",
+        f"median {best.median:.0f}, minimum {best.min}\n"
+        f"steadiest constant {steadiest.settings.exposure_us:.0f} us, "
+        f"{steadiest.settings.gain_db:g} dB: median {steadiest.median:.0f}, "
+        f"minimum {steadiest.min}",
         asdict(found),
     )
     return OK

@@ -21,7 +21,7 @@ from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.aggregate import aggregate
 from rig.evaluation.differences import differences
-from rig.evaluation.front_ends import FrontEnds, parse_front_ends
+from rig.evaluation.front_ends import FRONT_ENDS, FrontEnds, parse_front_ends
 from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures, natural_order
 from rig.evaluation.report.league import ranking, write_league
@@ -130,7 +130,8 @@ class How:
     @property
     def orb_as_races(self) -> bool:
         """Return whether ORB inliers are counted by the recipe of races, so of bounds."""
-        return "orb" in self.front_end.split(",") and not self.undistort
+        recipe = parse_front_ends(self.front_end).get("orb")
+        return recipe == FRONT_ENDS["orb"] and not self.undistort
 
 
 def judge_runs(runs: list[Path], how: How, workers: Workers, terminal: Terminal) -> list[Summary]:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bulk import Workers, run_tasks
+from rig.config import camera_digest
 from rig.core.errors import UsageError
 from rig.core.types import Settings
 from rig.drivers.addresses import Address, parse_address
@@ -65,7 +66,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """The constant settings with the best median (of equal ones the best minimum)."""
+    """Settings that never change, and what they have."""
 
     settings: Settings
     median: float
@@ -88,7 +89,9 @@ class Replayed:
 class Bound:
     """The best median and the best minimum of inliers that any path over the grid has.
 
-    `grid` is (number of exposures, number of gains), `pairs` the number of counts.
+    `best_constant` has the best median of all constants (of equal ones the best minimum),
+    `steadiest_constant` the best minimum (of equal ones the best median). `grid` is (number of
+    exposures, number of gains), `pairs` the number of counts.
     """
 
     cameras: str
@@ -96,6 +99,7 @@ class Bound:
     best_median: int
     best_min: int
     best_constant: Constant
+    steadiest_constant: Constant
     replayed: Replayed
     reach: Reach
     pairs: int
@@ -152,11 +156,20 @@ def known_bound(cameras: str, world_version: str) -> Bound | None:
     """
     try:
         values = json.loads(_memory(cameras, world_version).read_text(encoding="utf-8"))
-        constant = values.pop("best_constant")
-        best = Constant(Settings(**constant.pop("settings")), **constant)
+        best, steadiest = (
+            Constant(**{**constant, "settings": Settings(**constant["settings"])})
+            for constant in (values.pop("best_constant"), values.pop("steadiest_constant"))
+        )
         replayed, reach = Replayed(**values.pop("replayed")), Reach(**values.pop("reach"))
         grid = tuple(values.pop("grid"))
-        return Bound(**values, best_constant=best, replayed=replayed, reach=reach, grid=grid)
+        return Bound(
+            **values,
+            best_constant=best,
+            steadiest_constant=steadiest,
+            replayed=replayed,
+            reach=reach,
+            grid=grid,
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -218,13 +231,20 @@ def _richest_path(worths: NDArray[np.float64]) -> list[int]:
     return path[::-1]
 
 
-def best_constant(moves: Counts, grid: SettingsGrid) -> Constant:
-    """Return the constant with the best median; of equal medians the one with the best minimum."""
-    constant = np.diagonal(moves, axis1=1, axis2=2)
-    medians, minima = np.median(constant, 0), constant.min(0)
-    cell = int(np.lexsort((minima, medians))[-1])
-    row, column = divmod(cell, grid.shape[1])
-    return Constant(grid.settings((row, column)), float(medians[cell]), int(minima[cell]))
+def best_constants(moves: Counts, grid: SettingsGrid) -> tuple[Constant, Constant]:
+    """Return the constant with the best median, and the one with the best minimum.
+
+    Of equal ones that with the better other figure.
+    """
+    counts = np.diagonal(moves, axis1=1, axis2=2)
+    medians, minima = np.median(counts, 0), counts.min(0)
+
+    def last(order: NDArray[np.intp]) -> Constant:
+        cell = int(order[-1])
+        settings = grid.settings(divmod(cell, grid.shape[1]))
+        return Constant(settings, float(medians[cell]), int(minima[cell]))
+
+    return last(np.lexsort((minima, medians))), last(np.lexsort((medians, minima)))
 
 
 def allowed_moves(grid: SettingsGrid, reach: Reach) -> NDArray[np.bool_]:
@@ -242,12 +262,14 @@ def _bound_of(moves: Counts, grid: SettingsGrid, source: SimulatedSource) -> Bou
     best_median, best_min = highest_median(moves), highest_minimum(moves)
     paths = median_path(moves, best_median), minimum_path(moves, best_min)
     medians, minima = (_in_other_noise(source.address, grid, path) for path in paths)
+    best, steadiest = best_constants(moves, grid)
     return Bound(
         cameras=source.address,
         grid=grid.shape,
         best_median=best_median,
         best_min=best_min,
-        best_constant=best_constant(moves, grid),
+        best_constant=best,
+        steadiest_constant=steadiest,
         replayed=Replayed(float(np.median(medians, 1).mean()), float(minima.min(1).mean())),
         reach=Reach(),
         pairs=len(moves),
@@ -310,10 +332,14 @@ def _bench(cameras: str) -> Bench:
 
 
 def _scene_of(cameras: str) -> str:
-    """Return an address without the options that change no picture of given settings."""
+    """Return an address without the options that change no picture of given settings.
+
+    A camera's file, which may change, stands in it by its digest as well.
+    """
     parsed = parse_address(cameras)
     kept = {k: v for k, v in parsed.options.items() if k not in _OF_THE_DRIVE_ONLY}
-    return str(Address(parsed.scheme, parsed.name, kept))
+    digest = camera_digest(parsed.options.get("camera", ""))
+    return str(Address(parsed.scheme, parsed.name, kept)) + digest
 
 
 def _method() -> str:

@@ -270,13 +270,16 @@ def _compared(duel: Mapping[str, Any], name: str) -> str:
 
 
 def _name(drive: Drive, version: str) -> str:
-    """Return a name that another world, network, controller, length or set of figures changes."""
-    networks = {
-        name: hashlib.sha256(path.read_bytes()).hexdigest()
-        for name, path in shipped_networks().items()
-        if name in drive.controllers
-    }
-    told = json.dumps(
-        [drive.address, drive.frames, version, list(drive.controllers), networks, list(FIGURES)]
-    )
+    """Return a name that another world, controller, option, length or set of figures changes."""
+    controllers = [_told(spec, drive.seed) for spec in drive.controllers]
+    told = json.dumps([drive.address, drive.frames, version, controllers, list(FIGURES)])
     return f"seed-{drive.seed}-{hashlib.sha256(told.encode()).hexdigest()[:12]}"
+
+
+def _told(spec: str, seed: int) -> tuple[str, dict[str, str]]:
+    """Return a controller with all its options; of a network what is in its file."""
+    named = make_controller(spec, seed=seed, networks=shipped_networks())
+    options = dict(named.options)
+    if named.model is not None:
+        options["model"] = hashlib.sha256(named.model.read_bytes()).hexdigest()
+    return spec, options

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bulk import Workers, run_tasks
-from rig.config import load_camera_model
 from rig.controllers.policies import exposure_sweep
-from rig.drivers.addresses import parse_address
+from rig.core.types import PixelFormat
 from rig.drivers.registry import open_source
 from rig.drivers.scenes.scene import Scene
 from rig.drivers.sensor.sensor import Sensor
@@ -225,7 +224,7 @@ def _walk(plan: Plan, trajectory: Trajectory) -> dict[str, Any]:
 
 
 def _see(plan: Plan, trajectory: Trajectory) -> Seen:
-    scene, sensor = _open(trajectory.cameras, plan.size)
+    scene, sensor, pixel_format = _open(trajectory.cameras, plan.size)
     settings, front_end = exposure_sweep(plan.exposures, GAIN_DB), OrbFrontEnd()
     scores: dict[str, list[list[float]]] = {}
     features: list[list[OrbFeatures]] = []
@@ -235,8 +234,8 @@ def _see(plan: Plan, trajectory: Trajectory) -> Seen:
             sensor.develop(view.radiance_cd_m2, one, place * len(settings) + number)
             for number, one in enumerate(settings)
         ]
-        features.append([front_end.features(to_grey(p, "bayer_rggb8")) for p in pictures])
-        scored = [score(to_bgr(picture, "bayer_rggb8")) for picture in pictures]
+        features.append([front_end.features(to_grey(p, pixel_format)) for p in pictures])
+        scored = [score(to_bgr(picture, pixel_format)) for picture in pictures]
         for name in scored[0]:
             scores.setdefault(name, []).append([one[name] for one in scored])
     inliers = [_between(front_end, before, after) for before, after in pairwise(features)]
@@ -249,12 +248,13 @@ def _between(
     return [[front_end.match(a, b).inliers for b in after] for a in before]
 
 
-def _open(cameras: str, size: str) -> tuple[Scene, Sensor]:
+def _open(cameras: str, size: str) -> tuple[Scene, Sensor, PixelFormat]:
     source = open_source(f"{cameras}&size={size}", seed=0, split="train")
     assert isinstance(source, SimulatedSource)
     lens = source.scene.intrinsics("primary")
-    model = load_camera_model(parse_address(source.address).options["camera"])
-    return source.scene, Sensor(model, (lens.height_px, lens.width_px), seed=0)
+    model = source.drive.model
+    sensor = Sensor(model, (lens.height_px, lens.width_px), seed=0)
+    return source.scene, sensor, model.picture.format
 
 
 def _winners(rows: Mapping[str, Mapping[str, Any]], figure: str) -> dict[str, int]:

@@ -59,7 +59,9 @@ class Bench:
         lens = scene.intrinsics("primary")
         self._scene = scene
         self._rate_hz = rate_hz
-        self._sensor = Sensor(load_camera_model(camera), (lens.height_px, lens.width_px), seed=0)
+        model = load_camera_model(camera)
+        self._pixel_format = model.picture.format
+        self._sensor = Sensor(model, (lens.height_px, lens.width_px), seed=0)
         self._front_end = OrbFrontEnd()
         self._last: tuple[int, SettingsGrid, list[OrbFeatures]] | None = None
 
@@ -131,7 +133,7 @@ class Bench:
         self, radiance: NDArray[np.float32], settings: Settings, noise_seed: int
     ) -> OrbFeatures:
         picture = self._sensor.develop(radiance, settings, noise_seed)
-        return self._front_end.features(to_grey(picture, "bayer_rggb8"))
+        return self._front_end.features(to_grey(picture, self._pixel_format))
 
 
 def best_fixed(maps: Counts) -> tuple[tuple[int, int], int]:

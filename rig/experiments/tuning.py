@@ -82,7 +82,7 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Race:
-    """How one variant did on one drive: a line of the results file."""
+    """How one variant did on one drive: a line of the results file; `options` are all it had."""
 
     controller: str
     world: str
@@ -93,6 +93,7 @@ class Race:
     median: float
     min: int
     blind_frames: int
+    options: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def key(self) -> Key:
@@ -313,6 +314,7 @@ def _told(piece: Piece, solo: Solo) -> Race:
         statistics.median or 0.0,
         statistics.min or 0,
         statistics.blind_frames,
+        _options(solo.controller),
     )
 
 
@@ -345,12 +347,20 @@ def _check_worlds(places: Iterable[Drive]) -> None:
 
 
 def _still_true(races: list[Race]) -> list[Race]:
-    """Return the races in worlds that are still what they were."""
+    """Return the races in worlds, and of controllers, that are still what they were."""
     versions: dict[str, str] = {}
     for race in races:
         if race.world not in versions:
             versions[race.world] = _world_version(race.world, race.seed)
-    return [race for race in races if race.world_version == versions[race.world]]
+    return [
+        race
+        for race in races
+        if race.world_version == versions[race.world] and race.options == _options(race.controller)
+    ]
+
+
+def _options(spec: str) -> dict[str, str]:
+    return dict(make_controller(spec, seed=0, networks={}).options)
 
 
 def _world_version(world: str, seed: int) -> str:

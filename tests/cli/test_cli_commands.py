@@ -216,6 +216,7 @@ def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(
         best_median=800,
         best_min=0,
         best_constant=Constant(Settings(1000.0, 0.0), 1.0, 0),
+        steadiest_constant=Constant(Settings(1000.0, 0.0), 1.0, 0),
         replayed=Replayed(790.0, 0.0),
         reach=Reach(),
         pairs=4,
@@ -233,8 +234,9 @@ def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(
     code, out, _ = said(capsys, "evaluate", folder, "--json")
     means = json.loads(out)["by_controller"]
     assert means["aeag"]["of_bound"] == share | {"runs": 1}
-    _, out, _ = said(capsys, "evaluate", folder, "--json", "--front-end", "orb:features=900")
-    assert "of_bound" not in json.loads(out)["by_controller"]["aeag"]
+    for other in ("orb:features=900", "orb,features=900"):
+        _, out, _ = said(capsys, "evaluate", folder, "--json", "--front-end", other)
+        assert "of_bound" not in json.loads(out)["by_controller"]["aeag"]
     bound._remember(replace(best, pairs=5))
     said(capsys, "report", folder)
     assert "bound" not in json.loads((folder / "summary.json").read_text()), "not the whole drive"

@@ -14,7 +14,7 @@ from rig.experiments import bound
 from rig.experiments.bound import (
     Reach,
     allowed_moves,
-    best_constant,
+    best_constants,
     find_bound,
     highest_median,
     highest_minimum,
@@ -77,13 +77,15 @@ def test_half_of_an_even_number_of_counts_is_enough_for_the_median() -> None:
     assert highest_median(moves) == 9
 
 
-def test_the_best_constant_has_the_best_median_and_then_the_best_minimum() -> None:
+def test_the_constants_named_are_the_best_by_median_and_by_minimum() -> None:
     grid = settings_grid(2, 2)
-    constant = np.array([[5, 7, 7, 0], [5, 9, 9, 0], [5, 1, 2, 50]])
+    constant = np.array([[5, 7, 7, 5], [5, 9, 9, 6], [5, 1, 2, 50]])
     moves = np.full((3, 4, 4), 99)
     moves[:, np.arange(4), np.arange(4)] = constant
-    best = best_constant(moves, grid)
+    best, steadiest = best_constants(moves, grid)
     assert (best.settings, best.median, best.min) == (grid.settings((1, 0)), 7.0, 2)
+    assert steadiest.settings == grid.settings((1, 1))
+    assert (steadiest.median, steadiest.min) == (6.0, 5)
 
 
 def test_moves_are_pruned_to_neighbours_of_much_the_same_brightness() -> None:
@@ -115,6 +117,17 @@ def test_a_drive_has_a_bound_that_no_constant_beats_and_that_is_remembered(
     assert known_bound(found.cameras, found.world_version) == found
     assert known_bound(found.cameras, "another/1") is None
     assert known_bound(found.cameras + "&light_step=10@30", found.world_version) is None
+
+
+def test_a_camera_file_that_changed_is_another_camera(tmp_path: Path) -> None:
+    file = tmp_path / "camera.toml"
+    file.write_text("first")
+    address = f"{SMALL}&camera={file}"
+    before = bound._scene_of(address)
+    file.write_text("second")
+    assert bound._scene_of(address) != before
+    file.unlink()
+    assert known_bound(address, "tunnel/7") is None
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from rig.calibration.response.debevec import debevec_curve
 from rig.calibration.response.fit import fit_curve
 from rig.calibration.response.photon_transfer import photon_transfer
 from rig.calibration.response.step import Step, measurable, summarise_step
+from rig.calibration.response.twin import make_twin
 from rig.config import GammaResponse, LinearResponse, Response, SrgbResponse, TableResponse
 from rig.core.errors import CalibrationError
 from rig.core.types import Frame, Limits, Settings
@@ -52,6 +53,14 @@ class Wall:
         self.number += 1
         image = np.rint(grey).astype(np.uint8)
         return Frame(image, "bayer_rggb8", self.number, 0, 0, used)
+
+
+def test_the_conversion_gain_is_that_at_0_db_of_a_camera_that_begins_above() -> None:
+    twin = make_twin(bracketed(Wall(), Limits(LIMITS.exposure_us, (6.0, 30.0))), bits=12)
+    assert twin.e_per_dn == pytest.approx(1 / PER_E / 4095, rel=0.03)
+    assert [float(real) for real in twin.gains_db.values()] == pytest.approx(
+        [float(stated) for stated in twin.gains_db], abs=0.1
+    )
 
 
 def bracketed(wall: Wall, limits: Limits = LIMITS) -> list[Step]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rig.controllers.registry import make_controller
+from rig.controllers.registry import NamedController, make_controller
 from rig.evaluation.odometry import Step
 from rig.experiments import chapter5, contests
 from rig.experiments.contests import FIGURES, Contest, Duel, draw, hold, words
@@ -94,6 +95,18 @@ def test_a_drive_is_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     others = replace(CONTEST, methods={**CONTEST.methods, "dark": BRIGHT})
     with pytest.raises(AssertionError, match="driven again"):
         hold(others, Said(tmp_path).job)
+
+
+def test_a_drive_with_other_defaults_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    def changed(spec: str, *, seed: int, networks: Mapping[str, Path]) -> NamedController:
+        named = make_controller(spec, seed=seed, networks=networks)
+        return replace(named, options={**named.options, "speed": "0.123"})
+
+    drive = contests.Drive("sim:road", 31, None, ("geomean",))
+    before = contests._name(drive, "road/3")
+    assert contests._name(drive, "road/3") == before
+    monkeypatch.setattr(contests, "make_controller", changed)
+    assert contests._name(drive, "road/3") != before
 
 
 def test_words_tell_ratios_beside_the_published_ones() -> None:

@@ -105,6 +105,17 @@ def test_a_change_beyond_the_tolerance_starts_a_new_search(tolerance: str, searc
     assert controller.diagnostics()["searches"] == searches
 
 
+def test_frames_that_are_late_say_nothing_of_the_place_at_rest() -> None:
+    controller, camera = ShinController(tolerance="mid"), SlowCamera()
+    drive(controller, camera, 200)
+    rest = controller._command
+    assert phase(controller) == "hold" and isinstance(rest, Settings)
+    stale = SlowCamera().shoot(Settings(rest.exposure_us / 4, rest.gain_db))
+    assert [controller.step(stale) for _ in range(3)] == [rest] * 3
+    assert phase(controller) == "hold"
+    assert controller.step(camera.shoot(rest)) == rest
+
+
 def test_late_settings_are_waited_for() -> None:
     """While steps are larger than what counts as arrived, latency only costs frames."""
     prompt, late = SlowCamera(latency=0), SlowCamera(latency=3)

@@ -94,6 +94,19 @@ def test_worlds_are_held_back_whole() -> None:
     assert any(held_back != drawn[0] for held_back in drawn)
 
 
+@pytest.mark.parametrize(
+    "cameras",
+    [
+        "sim:tunnel",
+        "sim:tunnel?seed=0",
+        "sim:tunnel?size=320x240&split=train",
+        "gige:sim:tunnel?seed=0&split=train",
+    ],
+)
+def test_a_world_is_one_however_it_is_spelled(cameras: str) -> None:
+    assert world_of(make_source(0, cameras)) == "sim:tunnel?split=train&seed=0"
+
+
 def test_a_single_world_is_not_held_back() -> None:
     assert hold_back([make_source(0)], (), 0).held_back == ()
 

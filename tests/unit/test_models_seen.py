@@ -159,6 +159,7 @@ def test_a_drive_may_begin_on_the_way() -> None:
     [
         ([], {}, "name at least one world"),
         ([WALL, WALL], {}, "named twice"),
+        ([WALL, f"{WALL}&split=train"], {}, "named twice"),
         (["replay:/nowhere"], {}, "only simulated cameras"),
         ([WALL], {"frames": 1}, "at least 2"),
         ([WALL], {"first": -1}, "at least 0, got -1"),

@@ -102,6 +102,19 @@ def test_a_sweep_goes_on_where_it_stopped(said: Said) -> None:
     assert any("5 done, 3 left" in line for line in said.lines)
 
 
+def test_races_of_other_defaults_are_driven_again(said: Said) -> None:
+    tune_plan(PLAN, said.job())
+    path = said.folder / "rival-tuning.jsonl"
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    changed = [row for row in rows if row["controller"] == "mean:speed=1"]
+    for row in changed:
+        row["options"]["percent"] = "41"
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    said.driven.clear()
+    tune_plan(PLAN, said.job())
+    assert len(said.driven) == len(changed) == 2
+
+
 def test_only_the_best_of_the_heats_drive_the_finals(said: Said) -> None:
     plan = replace(PLAN, heats={"tunnel": (0,)}, finals={"tunnel": (1, 2)}, finalists=1)
     values = tune_plan(plan, said.job())
