@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.models.grid import brightness_ev, path_grid
-from rig.models.seen import SeenDrive
-from rig.models.values import Utility, Values, denoised, move_worth, staying
+from rig.models.scoremap.grid import brightness_ev, path_grid
+from rig.models.scoremap.seen import SeenDrive
+from rig.models.scoremap.values import Utility, Values, denoised, move_worth, staying
 
 GRID = path_grid(10, 4)
 

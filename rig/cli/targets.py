@@ -98,7 +98,7 @@ def _paths(
     processes: int | None,
     terminal: Terminal,
 ) -> int:
-    from rig.models.paths import make_paths
+    from rig.models.scoremap.paths import make_paths
 
     with terminal.progress("trying settings", None) as advance:
         found = make_paths(

@@ -14,8 +14,8 @@ from rig.models.names import SCORE_MAPS
 
 if TYPE_CHECKING:
     from rig.models.fit import TrainingProgress
-    from rig.models.pathfit import PathRecipe
-    from rig.models.pathtrain import MemberProgress
+    from rig.models.scoremap.fit import PathRecipe
+    from rig.models.scoremap.train import MemberProgress
 
 
 def train(
@@ -94,7 +94,7 @@ def train(
 def _map_recipe(
     net: str, seed: int, steps: tuple[int, ...], given: Mapping[str, Any]
 ) -> PathRecipe:
-    from rig.models.pathfit import make_recipe
+    from rig.models.scoremap.fit import make_recipe
 
     return make_recipe(net, seed, steps, **_only_given(given))
 
@@ -108,7 +108,7 @@ def _train_map(
     options: Mapping[str, Any],
     terminal: Terminal,
 ) -> int:
-    from rig.models.pathtrain import train_paths
+    from rig.models.scoremap.train import train_paths
 
     count = 1 if members is None else members
     with terminal.progress("training", count * sum(recipe.steps)) as advance:

@@ -25,7 +25,7 @@ from rig.evaluation.aggregate import ratio_ci95, ratio_of_means
 from rig.evaluation.odometry import mean_inlier_pct, processed_pct
 from rig.experiments.reproduce import Job
 from rig.experiments.solo import Solo, run_solo, world_version
-from rig.models.seen import MOVES_M
+from rig.models.scoremap.seen import MOVES_M
 from rig.models.shipped import shipped_networks
 from rig.plot import Bars, svg
 

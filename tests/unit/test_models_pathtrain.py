@@ -16,18 +16,18 @@ from rig.cli.main import run
 from rig.controllers.network import NetworkController
 from rig.core.errors import ModelError, RecordingError, UsageError
 from rig.core.types import THESIS_LIMITS, Frame, Settings
-from rig.models.cars import LIGHT_POSES, Chances, NetworkCars, Score, scores
 from rig.models.dataset import scale_settings
 from rig.models.fit import Checkpoint
-from rig.models.grid import brightness_ev
-from rig.models.lessons import Lessons, gather
-from rig.models.pathfit import PathFit, PathRecipe, StageResult, make_recipe
-from rig.models.paths import DriveSource, PathTargets
-from rig.models.pathtrain import train_paths
-from rig.models.rollout import Journey, Trip, roll_out
-from rig.models.scoremap import ScoreMapEnsemble, ScoreMapNetwork
-from rig.models.seen import SeenDrive
-from rig.models.values import (
+from rig.models.scoremap.closed_loop import LIGHT_POSES, Chances, NetworkCars, Score, scores
+from rig.models.scoremap.fit import PathFit, PathRecipe, StageResult, make_recipe
+from rig.models.scoremap.grid import brightness_ev
+from rig.models.scoremap.lessons import Lessons, gather
+from rig.models.scoremap.network import ScoreMapEnsemble, ScoreMapNetwork
+from rig.models.scoremap.paths import DriveSource, PathTargets
+from rig.models.scoremap.rollout import Journey, Trip, roll_out
+from rig.models.scoremap.seen import SeenDrive
+from rig.models.scoremap.train import train_paths
+from rig.models.scoremap.values import (
     UTILITIES,
     Utility,
     kept_share,

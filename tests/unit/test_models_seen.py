@@ -14,9 +14,9 @@ from rig.drivers.registry import open_source
 from rig.drivers.scenes.trajectories import Pose
 from rig.drivers.scenes.world import lens_for
 from rig.drivers.sensor.sensor import Sensor
-from rig.models import seen
-from rig.models.paths import make_paths
-from rig.models.tracking import HAMMING_MAX, count_moves, feature_sets, flow
+from rig.models.scoremap import seen
+from rig.models.scoremap.paths import make_paths
+from rig.models.scoremap.tracking import HAMMING_MAX, count_moves, feature_sets, flow
 from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail

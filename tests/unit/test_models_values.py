@@ -10,10 +10,10 @@ import pytest
 from synthetic_drives import GRID, make_drive, worth_of
 
 from rig.core.errors import UsageError
-from rig.models.behaviour import RandomExposure
-from rig.models.grid import brightness_ev, path_grid
-from rig.models.rollout import Trip, look, lost_motions, matches, other_inliers, roll_out
-from rig.models.values import (
+from rig.models.scoremap.grid import brightness_ev, path_grid
+from rig.models.scoremap.random_exposure import RandomExposure
+from rig.models.scoremap.rollout import Trip, look, lost_motions, matches, other_inliers, roll_out
+from rig.models.scoremap.values import (
     Staying,
     Utility,
     change_worth,

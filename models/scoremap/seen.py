@@ -26,8 +26,8 @@ from rig.drivers.scenes.scene import Scene
 from rig.drivers.scenes.trajectories import Pose
 from rig.drivers.sensor.sensor import Sensor
 from rig.drivers.simulated.source import SimulatedSource
-from rig.models.grid import SettingsGrid
-from rig.models.tracking import FeatureSets, count_moves, feature_sets, flow
+from rig.models.scoremap.grid import SettingsGrid
+from rig.models.scoremap.tracking import FeatureSets, count_moves, feature_sets, flow
 from rig.vision.bayer import to_grey
 from rig.vision.orb import OrbFeatures, OrbFrontEnd
 from rig.vision.thumbnail import thumbnail

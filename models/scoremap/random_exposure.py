@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.models.rollout import Frames, Settings2, clamped
+from rig.models.scoremap.rollout import Frames, Settings2, clamped
 
 GAMMA = 2.2
 PHASE_FRAMES = 12
@@ -25,7 +25,7 @@ _MOST_GAIN_EV = 30 * _EV_PER_DB
 
 
 class RandomExposure:
-    """A policy for `rig.models.rollout.roll_out`: N cars, all decisions drawn from one seed."""
+    """A policy for `rig.models.scoremap.rollout.roll_out`: N cars, all decisions drawn from one seed."""
 
     def __init__(self, cars: int, rng: np.random.Generator) -> None:
         self._rng = rng

@@ -11,16 +11,16 @@ from pathlib import Path
 import torch
 
 from rig.core.errors import UsageError
-from rig.models.cars import NetworkCars, Score, scores
+from rig.models.scoremap.closed_loop import NetworkCars, Score, scores
 from rig.models.export import Parity, Proof, write_proven
 from rig.models.fit import Checkpoint
-from rig.models.grid import SettingsGrid
+from rig.models.scoremap.grid import SettingsGrid
 from rig.models.names import SCORE_MAPS
-from rig.models.pathfit import PathFit, PathRecipe, StageProgress, StageResult
-from rig.models.paths import DriveSource, PathTargets
+from rig.models.scoremap.fit import PathFit, PathRecipe, StageProgress, StageResult
+from rig.models.scoremap.paths import DriveSource, PathTargets
 from rig.models.plot import write_losses
-from rig.models.scoremap import ScoreMapEnsemble
-from rig.models.seen import SeenDrive
+from rig.models.scoremap.network import ScoreMapEnsemble
+from rig.models.scoremap.seen import SeenDrive
 from rig.models.split import Split, hold_back
 from rig.models.targets import refuse_existing
 
@@ -88,7 +88,7 @@ def train_paths(
     RecordingError for a bad file, ModelError when training diverges or `begin_with` is no score
     map of this kind.
     """
-    from rig.models.pathcard import write_path_card
+    from rig.models.scoremap.card import write_path_card
 
     _check(net, out, members)
     data = _load(targets, held_back, recipe.seed)

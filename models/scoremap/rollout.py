@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.types import THESIS_LIMITS, Limits
-from rig.models.grid import SettingsGrid, brightness_ev
-from rig.models.seen import SeenDrive
-from rig.models.values import kept_share
+from rig.models.scoremap.grid import SettingsGrid, brightness_ev
+from rig.models.scoremap.seen import SeenDrive
+from rig.models.scoremap.values import kept_share
 
 Settings2 = NDArray[np.float64]
 """N x (exposure_us, gain_db)."""

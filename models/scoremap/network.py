@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from rig.core.types import THESIS_LIMITS, Limits
-from rig.models.grid import SettingsGrid
+from rig.models.scoremap.grid import SettingsGrid
 from rig.vision.thumbnail import THUMBNAIL_PX
 
 FRAMES = 3

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rig.core.types import THESIS_LIMITS
-from rig.models.cars import LIGHT_POSES
+from rig.models.scoremap.closed_loop import LIGHT_POSES
 from rig.models.export import LICENCE
-from rig.models.pathfit import PathRecipe
-from rig.models.paths import DriveSource
+from rig.models.scoremap.fit import PathRecipe
+from rig.models.scoremap.paths import DriveSource
 from rig.vision.thumbnail import THUMBNAIL_PX
 
 if TYPE_CHECKING:
-    from rig.models.cars import Score
-    from rig.models.pathtrain import PathTrainingResult
+    from rig.models.scoremap.closed_loop import Score
+    from rig.models.scoremap.train import PathTrainingResult
 
 _FOR = {
     "both": "ORB and viso2-style matching alike",

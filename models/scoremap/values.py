@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.core.errors import UsageError
-from rig.models.grid import SettingsGrid
+from rig.models.scoremap.grid import SettingsGrid
 
 Values = NDArray[np.float32]
 

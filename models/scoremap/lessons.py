@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rig.models.dataset import scale_settings
-from rig.models.grid import SettingsGrid
-from rig.models.rollout import Journey
-from rig.models.scoremap import FRAMES
-from rig.models.seen import SeenDrive
-from rig.models.values import (
+from rig.models.scoremap.grid import SettingsGrid
+from rig.models.scoremap.rollout import Journey
+from rig.models.scoremap.network import FRAMES
+from rig.models.scoremap.seen import SeenDrive
+from rig.models.scoremap.values import (
     Staying,
     Utility,
     Values,

@@ -21,16 +21,16 @@ from torch import Tensor
 from torch.nn import functional
 
 from rig.core.errors import ModelError, UsageError
-from rig.models.begin import begin_with
-from rig.models.cars import Chances, NetworkCars, Score, own_journeys, random_journeys, scores
+from rig.models.scoremap.continue_from import begin_with
+from rig.models.scoremap.closed_loop import Chances, NetworkCars, Score, own_journeys, random_journeys, scores
 from rig.models.export import Proof
-from rig.models.grid import SettingsGrid
-from rig.models.lessons import Lessons, PathSamples, gather
+from rig.models.scoremap.grid import SettingsGrid
+from rig.models.scoremap.lessons import Lessons, PathSamples, gather
 from rig.models.names import SCORE_MAPS
-from rig.models.rollout import Journey, Trip
-from rig.models.scoremap import TOLD, ScoreMapNetwork
-from rig.models.seen import SeenDrive
-from rig.models.values import UTILITIES, Utility
+from rig.models.scoremap.rollout import Journey, Trip
+from rig.models.scoremap.network import TOLD, ScoreMapNetwork
+from rig.models.scoremap.seen import SeenDrive
+from rig.models.scoremap.values import UTILITIES, Utility
 
 _BEGINNING_SAMPLES = 2_048
 """From so many samples the folded normalisations of a network to begin with are filled in."""

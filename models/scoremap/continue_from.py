@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from rig.core.errors import ModelError
 from rig.models.export import HALF_SUFFIX, Proof, answers_of_onnx, answers_of_torch
-from rig.models.scoremap import ScoreMapNetwork
+from rig.models.scoremap.network import ScoreMapNetwork
 
 ALIKE = 1e-3
 """Answers may differ by so much of the limits where the file chose between two equal cells."""

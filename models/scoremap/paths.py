@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from rig.bulk import Workers
 from rig.core.errors import RecordingError, UsageError
-from rig.models.grid import SettingsGrid, path_grid
-from rig.models.seen import SeenDrive, see_drives
+from rig.models.scoremap.grid import SettingsGrid, path_grid
+from rig.models.scoremap.seen import SeenDrive, see_drives
 
 SCHEMA = "rig.paths/4"
 

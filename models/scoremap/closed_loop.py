@@ -11,10 +11,10 @@ import torch
 from numpy.typing import NDArray
 
 from rig.core.types import THESIS_LIMITS
-from rig.models.behaviour import RandomExposure
+from rig.models.scoremap.random_exposure import RandomExposure
 from rig.models.dataset import scale_settings
-from rig.models.grid import SettingsGrid
-from rig.models.rollout import (
+from rig.models.scoremap.grid import SettingsGrid
+from rig.models.scoremap.rollout import (
     Frames,
     Journey,
     Settings2,
@@ -25,8 +25,8 @@ from rig.models.rollout import (
     other_inliers,
     roll_out,
 )
-from rig.models.scoremap import FRAMES, ScoreMap
-from rig.models.seen import SeenDrive
+from rig.models.scoremap.network import FRAMES, ScoreMap
+from rig.models.scoremap.seen import SeenDrive
 
 WARM_UP_PAIRS = 10
 LIGHT_POSES = 20
