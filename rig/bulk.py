@@ -7,6 +7,7 @@ that fails too the error names it.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import multiprocessing
 import os
@@ -30,6 +31,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 _CONNECT_S = 10
+_PR_SET_PDEATHSIG = 1
 
 
 class BulkError(RigError):
@@ -229,7 +231,8 @@ def _one_thread() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the parent, which ends its children, and use one thread a process."""
+    """Leave Ctrl-C to the parent, end when it ends, however, and use one thread a process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     numba.set_num_threads(1)
     cv2.setNumThreads(1)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -126,6 +128,36 @@ def test_stopping_early_ends_processes_that_take_signals_for_themselves() -> Non
     for child in set(multiprocessing.active_children()) - before:
         child.join(timeout=20)
         assert not child.is_alive()
+
+
+def test_processes_end_with_one_that_was_killed(tmp_path: Path) -> None:
+    marks = [tmp_path / "0", tmp_path / "1"]
+    script = f"""
+import os, time
+from pathlib import Path
+from rig.bulk import Workers, run_all
+
+def wait(mark):
+    Path(mark).write_text(str(os.getpid()))
+    time.sleep(3600)
+
+if __name__ == "__main__":
+    list(run_all(wait, {[str(mark) for mark in marks]}, Workers(2)))
+"""
+    (tmp_path / "parent.py").write_text(script)
+    with subprocess.Popen([sys.executable, str(tmp_path / "parent.py")]) as parent:
+        wait_until(lambda: all(mark.exists() and mark.read_text() for mark in marks))
+        parent.kill()
+    for mark in marks:
+        process = Path("/proc") / mark.read_text()
+        wait_until(lambda process=process: not process.exists())
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
 
 
 def test_what_cannot_be_meant_is_refused() -> None:

@@ -12,7 +12,7 @@ from rig.drivers.scenes.world import RenderedScene
 from rig.drivers.scenes.worlds import open_world
 from rig.experiments.blur import blur_agreement
 
-PLACES = (12, 28, 50, 75, 105)
+PLACES = {"tunnel": (12, 28, 50, 75, 105), "route": (12, 80, 150, 300, 470)}
 LENS = Intrinsics(64, 48, 56.0, 56.0, 31.5, 23.5)
 
 
@@ -94,16 +94,16 @@ def test_a_flow_beyond_the_picture_stays_a_mean_of_it() -> None:
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("seed", [0, 5, 6])
+@pytest.mark.parametrize(
+    ("world", "seed"), [("tunnel", 0), ("tunnel", 5), ("tunnel", 6), ("route", 31)]
+)
 @pytest.mark.parametrize("exposure_us", [5_000.0, 15_000.0, 30_000.0])
 def test_flow_blur_agrees_with_exact_sub_exposures_in_five_places(
-    seed: int, exposure_us: float
+    world: str, seed: int, exposure_us: float
 ) -> None:
-    scene = open_world(
-        "tunnel", seed=seed, split="test", width_px=640, height_px=480, speed_mps=13.9
-    )
+    scene = open_world(world, seed=seed, split="test", width_px=640, height_px=480, speed_mps=13.9)
     assert isinstance(scene, RenderedScene)
-    for place in PLACES:
+    for place in PLACES[world]:
         found = blur_agreement(scene, range(place - 2, place + 1), exposure_us)
         assert found.log_error < 0.03, place
         assert found.inlier_error < 0.1, place
