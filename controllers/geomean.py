@@ -1,4 +1,4 @@
-"""Geometric-mean metering with a speed and a shutter cap: the strongest hand-made rule."""
+"""Geometric-mean metering with a speed and a shutter cap."""
 
 from __future__ import annotations
 

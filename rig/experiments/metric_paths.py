@@ -1,4 +1,4 @@
-"""`metrics`: which image metric picks the pictures that match best (thesis 4.2.4).
+"""`metric-paths`: which image metric picks the pictures that match best (thesis 4.2.4).
 
 At every place of some trajectories a standing camera takes the same scene with many exposures at
 10 dB. A metric picks one picture a place, an M-trajectory; the inlier matches between neighbours
