@@ -9,10 +9,10 @@ import torch
 from torch import nn
 
 from rig.models.export import Proof, driving_form, serialised, to_onnx
-from rig.models.scoremap.grid import path_grid
 from rig.models.int8 import quantised
 from rig.models.names import SCORE_MAPS
 from rig.models.networks import make_network
+from rig.models.scoremap.grid import path_grid
 from rig.models.scoremap.network import ScoreMapNetwork
 from rig.models.timing import Times, forward_times
 from rig.vision.thumbnail import THUMBNAIL_PX

@@ -23,9 +23,10 @@ _SPREADS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class PhotonTransfer:
-    """`level_per_e` is the share of the converter's range that an electron fills at the lowest gain.
+    """What a bracket's noise tells, at the lowest of its gains.
 
-    `full_well_e` is what fills the range there: of a camera that goes down to 0 dB its full well.
+    `level_per_e` is the share of the converter's range that an electron fills, `full_well_e` what
+    fills it all: of a camera that goes down to 0 dB its full well.
     `scatter` is the root-mean-square relative distance of the steps' variances from the line.
     """
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rig.core.types import THESIS_LIMITS
-from rig.models.scoremap.closed_loop import LIGHT_POSES
 from rig.models.export import LICENCE
+from rig.models.scoremap.closed_loop import LIGHT_POSES
 from rig.models.scoremap.fit import PathRecipe
 from rig.models.scoremap.paths import DriveSource
+from rig.models.scoremap.values import UTILITIES, Utility
 from rig.vision.thumbnail import THUMBNAIL_PX
 
 if TYPE_CHECKING:
@@ -109,8 +110,7 @@ def _remake(result: PathTrainingResult) -> str:
         options += f"--begin-with {shlex.quote(result.beginning.name)} "
     if recipe.learning_rates[0] != PathRecipe().learning_rates[0]:
         options += f"--learning-rate {recipe.learning_rates[0]:g} "
-    if recipe.utility.front_end != "both":
-        options += f"--front-end {recipe.utility.front_end} "
+    options += _utility_options(recipe.utility)
     if len(result.members) > 1:
         options += f"--members {len(result.members)} "
     steps = " ".join(f"--steps {number}" for number in recipe.steps)
@@ -121,6 +121,16 @@ def _remake(result: PathTrainingResult) -> str:
 rig train --net {result.net} {" ".join(files)} --seed {recipe.seed} {steps} \
 --batch-size {recipe.batch_size} {options}{held_back}--out {shlex.quote(result.model.name)}
 ```"""
+
+
+def _utility_options(utility: Utility) -> str:
+    usual = UTILITIES[utility.front_end]
+    options = f"--front-end {utility.front_end} " if utility.front_end != "both" else ""
+    if utility.discount != usual.discount:
+        options += f"--discount {utility.discount:g} "
+    if utility.lost_cost != usual.lost_cost:
+        options += f"--lost-cost {utility.lost_cost:g} "
+    return options
 
 
 def _targets(sources: Sequence[DriveSource], first: int, poses: int) -> str:

@@ -11,9 +11,10 @@ import torch
 from numpy.typing import NDArray
 
 from rig.core.types import THESIS_LIMITS
-from rig.models.scoremap.random_exposure import RandomExposure
 from rig.models.dataset import scale_settings
 from rig.models.scoremap.grid import SettingsGrid
+from rig.models.scoremap.network import FRAMES, ScoreMap
+from rig.models.scoremap.random_exposure import RandomExposure
 from rig.models.scoremap.rollout import (
     Frames,
     Journey,
@@ -25,7 +26,6 @@ from rig.models.scoremap.rollout import (
     other_inliers,
     roll_out,
 )
-from rig.models.scoremap.network import FRAMES, ScoreMap
 from rig.models.scoremap.seen import SeenDrive
 
 WARM_UP_PAIRS = 10

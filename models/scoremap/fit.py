@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +21,21 @@ from torch import Tensor
 from torch.nn import functional
 
 from rig.core.errors import ModelError, UsageError
-from rig.models.scoremap.continue_from import begin_with
-from rig.models.scoremap.closed_loop import Chances, NetworkCars, Score, own_journeys, random_journeys, scores
 from rig.models.export import Proof
+from rig.models.names import SCORE_MAPS
+from rig.models.scoremap.closed_loop import (
+    Chances,
+    NetworkCars,
+    Score,
+    own_journeys,
+    random_journeys,
+    scores,
+)
+from rig.models.scoremap.continue_from import begin_with
 from rig.models.scoremap.grid import SettingsGrid
 from rig.models.scoremap.lessons import Lessons, PathSamples, gather
-from rig.models.names import SCORE_MAPS
-from rig.models.scoremap.rollout import Journey, Trip
 from rig.models.scoremap.network import TOLD, ScoreMapNetwork
+from rig.models.scoremap.rollout import Journey, Trip
 from rig.models.scoremap.seen import SeenDrive
 from rig.models.scoremap.values import UTILITIES, Utility
 
@@ -71,11 +78,14 @@ def make_recipe(
     learning_rate: float = 2e-3,
     batch_size: int = 256,
     front_end: str = "both",
+    discount: float | None = None,
+    lost_cost: float | None = None,
 ) -> PathRecipe:
     """Return a recipe with these options; later stages learn at three quarters of the rate.
 
-    `net` is a name of SCORE_MAPS, `front_end` of UTILITIES; `steps` are those of each stage,
-    PathRecipe's when empty. Raises UsageError when one is out of range or unknown.
+    `net` is a name of SCORE_MAPS, `front_end` of UTILITIES, whose `discount` and `lost_cost` are
+    taken when None; `steps` are those of each stage, PathRecipe's when empty. Raises UsageError
+    when one is out of range or unknown.
     """
     steps = tuple(steps) or PathRecipe().steps
     if min(steps) < 1 or batch_size < 2:
@@ -91,7 +101,20 @@ def make_recipe(
         steps=steps,
         learning_rates=rates,
         batch_size=batch_size,
-        utility=UTILITIES[front_end],
+        utility=_utility(front_end, discount, lost_cost),
+    )
+
+
+def _utility(front_end: str, discount: float | None, lost_cost: float | None) -> Utility:
+    utility = UTILITIES[front_end]
+    if lost_cost is not None and front_end == "orb":
+        raise UsageError("--lost-cost is about viso2's odometry: it does not go with orb alone")
+    if lost_cost is not None and not (math.isfinite(lost_cost) and lost_cost >= 0):
+        raise UsageError(f"--lost-cost must be at least 0, got {lost_cost}")
+    return replace(
+        utility,
+        discount=utility.discount if discount is None else discount,
+        lost_cost=utility.lost_cost if lost_cost is None else lost_cost,
     )
 
 

@@ -12,8 +12,8 @@ from torch import Tensor
 
 from rig.models.dataset import scale_settings
 from rig.models.scoremap.grid import SettingsGrid
-from rig.models.scoremap.rollout import Journey
 from rig.models.scoremap.network import FRAMES
+from rig.models.scoremap.rollout import Journey
 from rig.models.scoremap.seen import SeenDrive
 from rig.models.scoremap.values import (
     Staying,

@@ -25,7 +25,7 @@ _MOST_GAIN_EV = 30 * _EV_PER_DB
 
 
 class RandomExposure:
-    """A policy for `rig.models.scoremap.rollout.roll_out`: N cars, all decisions drawn from one seed."""
+    """A policy for `roll_out`: N cars, all decisions drawn from one seed."""
 
     def __init__(self, cars: int, rng: np.random.Generator) -> None:
         self._rng = rng

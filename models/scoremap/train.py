@@ -11,15 +11,15 @@ from pathlib import Path
 import torch
 
 from rig.core.errors import UsageError
-from rig.models.scoremap.closed_loop import NetworkCars, Score, scores
 from rig.models.export import Parity, Proof, write_proven
 from rig.models.fit import Checkpoint
-from rig.models.scoremap.grid import SettingsGrid
 from rig.models.names import SCORE_MAPS
-from rig.models.scoremap.fit import PathFit, PathRecipe, StageProgress, StageResult
-from rig.models.scoremap.paths import DriveSource, PathTargets
 from rig.models.plot import write_losses
+from rig.models.scoremap.closed_loop import NetworkCars, Score, scores
+from rig.models.scoremap.fit import PathFit, PathRecipe, StageProgress, StageResult
+from rig.models.scoremap.grid import SettingsGrid
 from rig.models.scoremap.network import ScoreMapEnsemble
+from rig.models.scoremap.paths import DriveSource, PathTargets
 from rig.models.scoremap.seen import SeenDrive
 from rig.models.split import Split, hold_back
 from rig.models.targets import refuse_existing

@@ -33,6 +33,8 @@ def train(
     half: bool = False,
     int8: bool = False,
     front_end: str | None = None,
+    discount: float | None = None,
+    lost_cost: float | None = None,
     begin_with: Path | None = None,
     seed: int = 0,
     terminal: Terminal = DEFAULT_TERMINAL,
@@ -69,6 +71,11 @@ def train(
         Write a second file, .int8.onnx, smaller and faster; not for score maps.
     front_end:
         Whose matches a score map is for: orb, viso2 or both; both when absent.
+    discount:
+        How much a score map counts what follows, 0 to below 1: 0.95 when absent, and with 0 the
+        best next picture alone.
+    lost_cost:
+        What a motion that odometry cannot tell costs a score map: nothing when absent, 2 for viso2.
     begin_with:
         A score map that `rig train` wrote, of the same --net, to go on from.
     """
@@ -76,12 +83,12 @@ def train(
     try:
         if net in SCORE_MAPS:
             _refuse(net, epochs=epochs, patience=patience, search=search, int8=int8 or None)
-            recipe = _map_recipe(net, seed, steps, given | {"front_end": front_end})
+            given |= {"front_end": front_end, "discount": discount, "lost_cost": lost_cost}
+            recipe = _map_recipe(net, seed, steps, given)
             options = {"held_back": hold_back, "half": half, "begin_with": begin_with}
             return _train_map(targets, net, out, recipe, members, options, terminal)
-        _refuse(
-            net, steps=steps or None, members=members, front_end=front_end, begin_with=begin_with
-        )
+        _refuse(net, steps=steps or None, members=members, begin_with=begin_with)
+        _refuse(net, front_end=front_end, discount=discount, lost_cost=lost_cost)
         given |= {"epochs": epochs, "patience": patience, "search": search}
         given |= {"half": half, "int8": int8}
         return _train_thesis(targets, net, out, given, seed, hold_back, terminal)

@@ -69,13 +69,14 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_members_answer_together_by_the_mean_of_their_probabilities(tmp_path: Path) -> None:
     quick = replace(QUICK, steps=(12,), learning_rates=(5e-3,), behaviours=1)
-    quick = replace(quick, utility=UTILITIES["viso2"])
+    quick = replace(quick, utility=replace(UTILITIES["viso2"], discount=0.5, lost_cost=0.0))
     paths = [save(tmp_path / "paths.npz", range(3))]
     result = train_paths(paths, "map-small", tmp_path / "two.onnx", quick, members=2)
     assert [member.seed for member in result.members] == [0, 1]
     assert result.parity.difference < 1e-5 and len(result.together) == 1
     card = result.card.read_text()
-    assert "--front-end viso2 --members 2" in card and "for viso2-style matching alone" in card
+    assert "--front-end viso2 --discount 0.5 --lost-cost 0 --members 2" in card
+    assert "for viso2-style matching alone" in card
     with torch.inference_mode():
         networks = [ScoreMapNetwork(GRID).eval() for _ in range(3)]
         images, settings = torch.rand(4, 6, 48, 64), torch.rand(4, 8)
@@ -126,6 +127,19 @@ def test_a_lesson_for_one_front_end_ignores_the_other() -> None:
     assert make_recipe("map-small", 0).utility == Utility() and Utility().front_end == "both"
     with pytest.raises(UsageError, match="--front-end must be one of both, orb, viso2, got sift"):
         make_recipe("map-small", 0, front_end="sift")
+
+
+def test_what_follows_and_a_motion_lost_can_be_weighed() -> None:
+    assert make_recipe("map-small", 0, discount=0.0, lost_cost=1.0).utility == Utility(
+        discount=0.0, lost_cost=1.0
+    )
+    assert make_recipe("map-small", 0, front_end="viso2").utility.lost_cost == 2
+    with pytest.raises(UsageError, match=r"discount must be in \[0, 1\), got 1"):
+        make_recipe("map-small", 0, discount=1.0)
+    with pytest.raises(UsageError, match="--lost-cost must be at least 0, got -1"):
+        make_recipe("map-small", 0, lost_cost=-1.0)
+    with pytest.raises(UsageError, match="does not go with orb alone"):
+        make_recipe("map-small", 0, front_end="orb", lost_cost=1.0)
 
 
 def test_the_answer_lies_around_the_best_cells() -> None:
@@ -377,6 +391,8 @@ def test_options_of_the_other_kind_are_refused(
     assert "--steps does not go with --net dual-small" in capsys.readouterr().err
     assert run(["train", "p.npz", "--net", "dual-small", "--front-end", "orb", *out]) == 2
     assert "--front-end does not go with --net dual-small" in capsys.readouterr().err
+    assert run(["train", "p.npz", "--net", "dual-small", "--discount", "0", *out]) == 2
+    assert "--discount does not go with --net dual-small" in capsys.readouterr().err
     assert run(["train", "p.npz", "--net", "map-small", "--front-end", "sift", *out]) == 2
     assert "--front-end must be one of both, orb, viso2" in capsys.readouterr().err
     for command, complaint in (
