@@ -108,7 +108,7 @@ def _chunk(
     chunk = read_chunk(body)
     if not chunk.crc_holds:
         raise ValueError(f"the checksum of the chunk at byte {extent.start} is wrong")
-    note_channels(chunk, index)
+    note_channels(chunk.records, index)
     packed = compressor.compress(chunk.records)
     data = _compressed(chunk, _crc(body), packed)
     place = Extent(Opcode.CHUNK, start, len(data))

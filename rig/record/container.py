@@ -330,8 +330,11 @@ class Container:
         return _summary(memoryview(body)[: size - (_FOOTER_BYTES - 4)])
 
     def messages(self) -> Iterator[Message]:
-        """Yield every message in file order; raises ValueError for a damaged chunk."""
-        topics: dict[int, str] = {}
+        """Yield every message in file order; raises ValueError for a damaged chunk.
+
+        Topics are told in the first chunk, and by the index where that is lost.
+        """
+        topics = self._indexed_topics()
         for extent in self.extents():
             if extent.opcode == Opcode.DATA_END:
                 return
@@ -343,6 +346,12 @@ class Container:
                     raise ValueError(f"the checksum of the chunk at byte {extent.start} is wrong")
                 yield from _messages(chunk, topics)
         raise ValueError("the file is cut short")
+
+    def _indexed_topics(self) -> dict[int, str]:
+        try:
+            return {id_: topic for topic, id_ in self.summary().channels.items()}
+        except (ValueError, KeyError, struct.error):
+            return {}
 
 
 def _summary(body: memoryview) -> Summary:
@@ -462,6 +471,8 @@ def _messages(chunk: Chunk, topics: dict[int, str]) -> Iterator[Message]:
             topics[channel.id] = channel.topic
         elif opcode == Opcode.MESSAGE:
             id_, sequence, log_time_ns, _ = MESSAGE_HEADER.unpack_from(body)
+            if id_ not in topics:
+                raise ValueError(f"nothing says what the messages of channel {id_} are about")
             data = body[MESSAGE_HEADER.size :]
             if topics[id_] not in IMAGES:
                 small_bytes += len(data)

@@ -119,6 +119,7 @@ def _recover_file(file: Path, *, is_last: bool) -> Recovery:
         scan = Scan(source)
         scan.run()
         _check_header(source, scan.index)
+        _check_channels(source, scan.index)
         triggers = scan.index.count(topics.PAIR)
         ending = scan.index.ending(scan.end, _note(scan, triggers, is_last=is_last))
         intact = not scan.patches and source.bytes_at(scan.end, len(ending) + 1) == ending
@@ -140,6 +141,15 @@ def _check_header(source: Container, index: Index) -> None:
         )
     metadata = metadata_of(source, index.metadata)
     header.from_parts(metadata, attachments_of(source, index.attachments))
+
+
+def _check_channels(source: Container, index: Index) -> None:
+    """Raise RecordingDamaged when nothing tells any more what some messages are about."""
+    if not index.counts.keys() <= index.channels.keys():
+        raise RecordingDamaged(
+            f"{source.path} has lost its first chunk, which names the topics, and its index, which "
+            "names them too; nothing was changed"
+        )
 
 
 def _note(scan: Scan, triggers: int, *, is_last: bool) -> tuple[str, dict[str, str]] | None:

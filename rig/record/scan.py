@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from mcap.opcode import Opcode
@@ -11,7 +12,7 @@ from mcap.opcode import Opcode
 from rig.core.errors import RecordingDamaged
 from rig.core.units import NS_PER_S
 from rig.record import container
-from rig.record.container import MAGIC, RECORD_HEADER, Chunk, Container, Extent
+from rig.record.container import MAGIC, RECORD_HEADER, Chunk, Container, Extent, damage
 from rig.record.index import Index, Places
 
 _PRIVATE = 0x80
@@ -32,9 +33,9 @@ def places_of(chunk: Chunk) -> Places:
     return found
 
 
-def note_channels(chunk: Chunk, index: Index) -> None:
-    """Put the schemas and channels of a chunk into an index."""
-    for opcode, _, body in container.chunk_records(chunk.records):
+def note_channels(records: memoryview, index: Index) -> None:
+    """Put the schemas and channels among the records of a chunk or an index into an index."""
+    for opcode, _, body in container.chunk_records(records):
         if opcode == Opcode.SCHEMA:
             schema = container.parse(opcode, body)
             index.schemas[schema.id] = schema
@@ -58,6 +59,7 @@ class Scan:
         first = next(self.source.extents(), None)
         if first is None or first.opcode != Opcode.HEADER:
             return
+        self._note_old_index()
         while True:
             extent = next(self.source.extents(self.end), None)
             if extent is None or (extent.opcode not in _EXPECTED and extent.opcode < _PRIVATE):
@@ -68,6 +70,11 @@ class Scan:
                 return
             if not self._take(extent):
                 return
+
+    def _note_old_index(self) -> None:
+        """Begin with the channels of the index: their own records lie in the first chunk alone."""
+        with suppress(RecordingDamaged), damage(self.source.path):
+            note_channels(self.source.summary().body, self.index)
 
     def unreadable_bytes(self) -> int:
         """Return how much is dropped; raises RecordingDamaged when it is more than a cut leaves."""
@@ -115,7 +122,7 @@ class Scan:
 
     def _places(self, chunk: Chunk) -> Places:
         places = places_of(chunk)
-        note_channels(chunk, self.index)
+        note_channels(chunk.records, self.index)
         return places
 
     def _add_chunk(self, extent: Extent, chunk: Chunk, places: Places) -> None:

@@ -38,6 +38,14 @@ def whole(tmp_path: Path) -> bytes:
     return write(tmp_path / "whole", RECORDS).read_bytes()
 
 
+def spoil_chunk(tmp_path: Path, whole: bytes, number: int) -> bytearray:
+    with Container(tmp_path / "whole" / "run.mcap") as container:
+        chunks = [e for e in container.extents() if e.opcode == Opcode.CHUNK]
+    data = bytearray(whole)
+    data[chunks[number].end - 1] ^= 0xFF
+    return data
+
+
 def boundaries(path: Path) -> list[tuple[int, int]]:
     with Container(path) as container:
         return [(extent.opcode, extent.end) for extent in container.extents()]
@@ -176,11 +184,7 @@ def test_a_tail_of_zeros_after_lost_power_is_dropped(tmp_path: Path, whole: byte
 
 def test_a_corrupt_chunk_in_the_middle_is_hidden_and_reported(tmp_path: Path, whole: bytes) -> None:
     file = tmp_path / "run.mcap"
-    with Container(tmp_path / "whole" / "run.mcap") as container:
-        chunks = [e for e in container.extents() if e.opcode == Opcode.CHUNK]
-    data = bytearray(whole)
-    data[chunks[1].end - 1] ^= 0xFF
-    file.write_bytes(data)
+    file.write_bytes(spoil_chunk(tmp_path, whole, 1))
     with pytest.raises(RecordingDamaged, match="checksum"):
         list(open_recording(file).records())
     found = recover(file)
@@ -191,13 +195,31 @@ def test_a_corrupt_chunk_in_the_middle_is_hidden_and_reported(tmp_path: Path, wh
     assert not recover(file).repaired
 
 
+def test_a_corrupt_first_chunk_takes_no_other_with_it(tmp_path: Path, whole: bytes) -> None:
+    """The first one alone says which topic a channel is."""
+    file = tmp_path / "run.mcap"
+    file.write_bytes(spoil_chunk(tmp_path, whole, 0))
+    found = recover(file)
+    assert (found.skipped_chunks, found.triggers) == (1, 3)
+    assert [r.trigger for r in open_recording(file).records()] == [1, 2, 3]
+    assert_doctor_clean(file)
+    assert not recover(file).repaired
+
+
+def test_a_corrupt_first_chunk_without_an_index_is_refused_unchanged(tmp_path: Path) -> None:
+    """The others lie more than two seconds behind it: a crash does not leave that."""
+    whole = write(tmp_path / "whole", [record(trigger) for trigger in range(40)]).read_bytes()
+    file = tmp_path / "run.mcap"
+    file.write_bytes(spoil_chunk(tmp_path, whole, 0)[:-50])
+    before = file.read_bytes()
+    with pytest.raises(RecordingDamaged, match="lost its first chunk, which names the topics"):
+        recover(file)
+    assert file.read_bytes() == before
+
+
 def test_pairs_behind_a_hidden_chunk_are_replayed(tmp_path: Path, whole: bytes) -> None:
     file = tmp_path / "run.mcap"
-    with Container(tmp_path / "whole" / "run.mcap") as container:
-        chunks = [e for e in container.extents() if e.opcode == Opcode.CHUNK]
-    data = bytearray(whole)
-    data[chunks[1].end - 1] ^= 0xFF
-    file.write_bytes(data)
+    file.write_bytes(spoil_chunk(tmp_path, whole, 1))
     recover(file)
     pair = CameraPair(open_source(f"replay:{tmp_path}", seed=0))
     shots = [pair.shoot() for _ in range(3)]
