@@ -146,5 +146,5 @@ def find_metric(name: str) -> TargetMetric:
     if name in METRICS:
         return METRICS[name]
     close = get_close_matches(name, METRICS, n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"choose from {', '.join(METRICS)}"
+    hint = f"did you mean {close[0]!r}?" if close else f"choose from {', '.join(METRICS)}, path"
     raise UsageError(f"unknown target metric {name!r}: {hint}")

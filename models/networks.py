@@ -22,6 +22,7 @@ from torch.nn import functional
 from rig.core.errors import UsageError
 from rig.core.types import THESIS_LIMITS
 from rig.models.dataset import FRAMES
+from rig.models.names import SCORE_MAPS
 
 COLOURS = 3
 CONVOLUTION_DROPOUT = 0.4
@@ -91,15 +92,21 @@ NETWORKS: Mapping[str, Architecture] = MappingProxyType(
 )
 
 
+def require_network(name: str) -> None:
+    """Raise UsageError for a name that is not in NETWORKS."""
+    if name not in NETWORKS:
+        known = [*NETWORKS, *SCORE_MAPS]
+        close = get_close_matches(name, known, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"choose from {', '.join(known)}"
+        raise UsageError(f"unknown network {name!r}: {hint}")
+
+
 def make_network(name: str) -> nn.Module:
     """Return a freshly initialised network; torch's random state decides the weights.
 
     Raises UsageError for a name that is not in NETWORKS.
     """
-    if name not in NETWORKS:
-        close = get_close_matches(name, NETWORKS, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"choose from {', '.join(NETWORKS)}"
-        raise UsageError(f"unknown network {name!r}: {hint}")
+    require_network(name)
     architecture = NETWORKS[name]
     return ExposureNetwork(architecture) if architecture.stages else ResNet18(architecture)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bulk import ALONE, Workers, run_tasks
-from rig.core.errors import RecordingError, UsageError
+from rig.core.errors import RecordingError, RigError, UsageError
 from rig.core.types import PairRecord
 from rig.models.measuring import Stretch, stretches
 from rig.models.metrics import TargetMetric, Window, find_metric
@@ -84,7 +86,7 @@ class Targets:
 
         Raises UsageError when the file exists.
         """
-        refuse_existing(path)
+        require_new(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         arrays = {field.name: getattr(self.poses, field.name) for field in fields(Poses)}
         unfinished = path.with_name(path.name + ".part")
@@ -119,10 +121,20 @@ class Targets:
         )
 
 
-def refuse_existing(out: Path) -> None:
-    """Raise UsageError when `out` exists: call it before the long work, nothing is overwritten."""
+def require_new(out: Path) -> None:
+    """Make the folder of a file to be written; call it before the long work.
+
+    Raises UsageError when `out` exists, for nothing is overwritten, RigError when nothing can be
+    written there.
+    """
     if out.exists():
         raise UsageError(f"{out} exists: choose another --out or delete it")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if not os.access(out.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise RigError(f"--out {out} cannot be written: {error.strerror}") from None
 
 
 def make_targets(

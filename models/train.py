@@ -15,10 +15,11 @@ from rig.models.card import TrainingResult, write_card
 from rig.models.dataset import Batch, Samples
 from rig.models.export import export_network, int8_file
 from rig.models.fit import Checkpoint, Fit, Progress, Recipe, identity
+from rig.models.networks import require_network
 from rig.models.plot import write_losses
 from rig.models.search import best_recipe
 from rig.models.split import Split, hold_back
-from rig.models.targets import RecordingSource, Targets, refuse_existing
+from rig.models.targets import RecordingSource, Targets, require_new
 from rig.models.timing import cost_of
 
 PROOF_SAMPLES = 64
@@ -51,6 +52,7 @@ def train(
     bad option, RecordingError for a bad target file, ModelError when training cannot work,
     diverges, or leaves a network that answers all alike or not nearly the same in integers.
     """
+    require_network(net)
     recipe = Recipe(net, seed, epochs, batch_size, learning_rate, patience)
     _require_new(out, int8)
     data = _load(targets, held_back, seed)
@@ -142,10 +144,9 @@ def _fit(recipe: Recipe, checkpoint: Checkpoint, data: _Data, progress: Progress
 def _require_new(out: Path, int8: bool) -> None:
     if out.suffix != ".onnx":
         raise UsageError(f"--out must end in .onnx, got {out}")
-    refuse_existing(out)
+    require_new(out)
     if int8:
-        refuse_existing(int8_file(out))
-    out.parent.mkdir(parents=True, exist_ok=True)
+        require_new(int8_file(out))
 
 
 def _spread(samples: Samples, count: int) -> Batch:

@@ -196,6 +196,8 @@ def _on_cluster(
         dask: Any = import_module("distributed")
     except ImportError:
         raise RigError("--dask needs the extra: pip install 'exposure-rig[dask]'") from None
+    if ":" not in address:
+        raise UsageError(f"--dask {address}: name host and port, such as tcp://10.0.0.5:8786")
     try:
         client = dask.Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as problem:

@@ -22,7 +22,7 @@ from rig.models.scoremap.network import ScoreMapEnsemble
 from rig.models.scoremap.paths import DriveSource, PathTargets
 from rig.models.scoremap.seen import SeenDrive
 from rig.models.split import Split, hold_back
-from rig.models.targets import refuse_existing
+from rig.models.targets import require_new
 
 MemberProgress = Callable[[int, int, int, int, float], None]
 """Told the member, then what `StageProgress` is told."""
@@ -148,7 +148,7 @@ def _check(net: str, out: Path, members: int) -> None:
         raise UsageError(f"{net} does not learn from path targets; choose {', '.join(SCORE_MAPS)}")
     if out.suffix != ".onnx":
         raise UsageError(f"--out must end in .onnx, got {out}")
-    refuse_existing(out)
+    require_new(out)
 
 
 def _load(targets: Sequence[Path], held_back: Sequence[str], seed: int) -> _Drives:

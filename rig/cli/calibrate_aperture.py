@@ -23,6 +23,7 @@ from rig.cli.calibration import (
     DEFAULT_KNOWN,
     CalibrationOptions,
     KnownOptions,
+    earlier,
     store,
     tell,
 )
@@ -79,7 +80,7 @@ def calibrate_aperture(
     hold_s:
         How long it must stay within the tolerance.
     """
-    folder = run_folder(options.out, "calibrate-aperture")
+    folder, before = run_folder(options.out, "calibrate-aperture"), earlier(known)
     address = chosen_cameras(options.cameras, DEFAULT_CAMERAS)
     with closing(open_source(address, seed=options.seed, split="test")) as source:
         ring = simulated_ring(source)
@@ -96,7 +97,7 @@ def calibrate_aperture(
         raise CalibrationError(not_locked(guide, triggers))
     make_folder(folder)
     (folder / PLOT).write_text(result.plot, encoding="utf-8")
-    file = store(folder, as_calibration(result, serials, known.lens), known)
+    file = store(folder, as_calibration(result, serials, known.lens), before)
     return tell(terminal, words(result), file, abs(result.linear.ratio_stops), tolerance_stops,
                 result.passed, named(result))  # fmt: skip
 

@@ -20,6 +20,7 @@ from rig.cli.calibration import (
     DEFAULT_KNOWN,
     CalibrationOptions,
     KnownOptions,
+    earlier,
     store,
     tell,
 )
@@ -71,14 +72,14 @@ def calibrate_intrinsics(
         Largest root-mean-square reprojection error that passes.
     """
     wanted = parse_board(board, square_mm)
-    folder = run_folder(options.out, "calibrate-intrinsics")
+    folder, before = run_folder(options.out, "calibrate-intrinsics"), earlier(known)
     if pictures is None:
         serials, collection = look_live(wanted, options, web, terminal)
     else:
         serials, collection = look_back(pictures, wanted, terminal)
     fit = fit_rig(collection)
     make_folder(folder)
-    file = store(folder, of_fit(fit, serials, known.lens, today()), known)
+    file = store(folder, of_fit(fit, serials, known.lens, today()), before)
     write_exports(folder, fit)
     passed = fit.residual_px <= tolerance_px and fit.sync.passed
     return tell(

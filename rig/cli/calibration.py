@@ -51,14 +51,17 @@ DEFAULT_KNOWN = KnownOptions()
 
 
 def earlier(known: KnownOptions) -> Calibration | None:
-    """Return the calibration that is to be completed; raises ConfigError for a bad file."""
+    """Return the calibration that is to be completed; raises ConfigError for a bad file.
+
+    Call it before the cameras are opened: a guided calibration takes minutes.
+    """
     return None if known.calibration is None else load_calibration(known.calibration)
 
 
-def store(folder: Path, found: Calibration, known: KnownOptions) -> Path:
+def store(folder: Path, found: Calibration, before: Calibration | None) -> Path:
     """Write `found`, joined with what was known before, into `folder`; return the file."""
     path = folder / CALIBRATION
-    write_calibration(path, joined(found, earlier(known)))
+    write_calibration(path, joined(found, before))
     return path
 
 

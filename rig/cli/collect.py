@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from rig.cli.attach import calibration_for
 from rig.cli.drive import Drive, make_header, record_drive
-from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
+from rig.cli.options import DEFAULT_RUN, RunOptions, Triggers, chosen_cameras, run_folder
 from rig.cli.race import contestant
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions
@@ -36,7 +36,7 @@ class SweepOptions:
     """Take so many exposures at every place, standing still, instead of driving."""
     gains: float = 10.0
     """The gain in dB of all pictures of a sweep."""
-    poses: int | None = None
+    poses: Triggers = None
     """Places of a sweep; as many as the drive is long when absent."""
     step_m: float = 0.3
     """Metres from one place of a sweep to the next."""
@@ -82,6 +82,8 @@ def collect(
     workers:
         How many drives to record at once with --seeds; one a core when absent.
     """
+    if sweep.sweep is None and sweep != NO_SWEEP:
+        raise UsageError("--gains, --poses and --step-m go with --sweep")
     wanted = Collection(perturb, leader, sweep)
     if seeds is not None:
         from rig.cli.collect_many import collect_many
@@ -117,7 +119,6 @@ def collect_drive(
             models={},
             calibration=calibration_for(source, run.calibration, terminal),
         )
-        make_folder(folder)
         return record_drive(source, policy, header, folder, run.frames, terminal, web)
 
 
@@ -149,6 +150,5 @@ def _sweep(
             "step_m": f"{sweep.step_m:g}",
         }
         header = make_header(source, run.seed, policy.names, options=options, models={})
-        make_folder(folder)
         frames = None if sweep.poses is None else sweep.poses * triggers_a_place
         return record_drive(source, policy, header, folder, frames, terminal, web)

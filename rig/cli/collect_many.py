@@ -13,7 +13,7 @@ from typing import Any
 from rig.bulk import Workers, run_tasks
 from rig.cli.collect import Collection, collect_drive
 from rig.cli.exits import LOSSES, OK
-from rig.cli.options import RunOptions, chosen_cameras
+from rig.cli.options import RunOptions, chosen_cameras, refuse_own_seed
 from rig.cli.race import parse_seeds
 from rig.cli.terminal import Terminal
 from rig.cli.web import DEFAULT_WEB
@@ -36,6 +36,7 @@ def collect_many(
     """
     if run.out is None:
         raise UsageError("--seeds needs --out: the folder in which all drives are kept")
+    refuse_own_seed(run.cameras)
     manifest = Manifest(run.out)
     plan = _plan(wanted, run, parse_seeds(seeds))
     left = {name: entry for name, entry in plan.items() if not manifest.finished(name, entry)}

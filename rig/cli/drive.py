@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig.cli.exits import INTERRUPTED, LOSSES, OK
 from rig.cli.interrupt import StopRequest, stop_on_signal
-from rig.cli.options import is_simulated
+from rig.cli.options import is_simulated, make_folder
 from rig.cli.provenance import command_line, git_commit, versions
 from rig.cli.terminal import Advance, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions, watched
-from rig.core.errors import RecordingError
+from rig.core.errors import RecordingError, RigError
 from rig.core.protocols import PairPolicy, Source
 from rig.core.types import Pair
 from rig.experiments.replay import limit_options
@@ -48,7 +49,29 @@ def record_drive(
     terminal: Terminal,
     web: WebOptions = DEFAULT_WEB,
 ) -> Drive:
-    """Drive `source` by `policy` for `frames` triggers, or to its end, into `folder`."""
+    """Drive `source` by `policy` for `frames` triggers, or to its end, into a new `folder`.
+
+    What a controller refuses is raised before anything is written.
+    """
+    policy.reset(CameraPair(source).limits)
+    make_folder(folder)
+    try:
+        return _record(source, policy, header, folder, frames, terminal, web)
+    except RigError:
+        with suppress(OSError):
+            folder.rmdir()  # where nothing was written, the same --out can be named again
+        raise
+
+
+def _record(
+    source: Source,
+    policy: PairPolicy,
+    header: RunHeader,
+    folder: Path,
+    frames: int | None,
+    terminal: Terminal,
+    web: WebOptions,
+) -> Drive:
     triggers = frames if frames is not None else source.drive_triggers
     announce(source, triggers, terminal)
     repair_killed_runs(folder.parent, terminal)

@@ -16,7 +16,7 @@ from rig.bulk import Workers, run_tasks
 from rig.cli.attach import check_attached
 from rig.cli.exits import OK
 from rig.cli.judge import REPORT, figure, judge, table, with_ceiling
-from rig.cli.options import make_folder, run_folder
+from rig.cli.options import is_simulated, make_folder, run_folder
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.aggregate import aggregate
@@ -28,6 +28,7 @@ from rig.evaluation.report.league import ranking, write_league
 from rig.evaluation.report.verdict import shares_text
 from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import RACE_SIDES, Summary
+from rig.record.container import find
 from rig.record.reader import open_recording
 
 FRONT_END_TITLES = {"orb": "ORB", "viso2": "viso2-style"}
@@ -83,6 +84,7 @@ def evaluate(
     paths = [inner for path in recordings for inner in unfolded(path)]
     runs = [path for path in paths if is_recording(path)]
     films = [path for path in paths if not is_recording(path)]
+    _refuse_twice([*(find(run) for run in runs), *films])
     if undistort and films:
         raise UsageError(f"--undistort: {films[0]} carries no calibration; leave it out")
     for folder in (trajectories, out):
@@ -105,6 +107,14 @@ def evaluate(
         text += f"\nreport: {out / REPORT}"
     terminal.result(text, values)
     return OK
+
+
+def _refuse_twice(paths: Sequence[Path]) -> None:
+    """Raise UsageError for what is named twice: it would count as two drives."""
+    places = [path.resolve() for path in paths]
+    for path, place in zip(paths, places, strict=True):
+        if places.count(place) > 1:
+            raise UsageError(f"{path} is named twice: it would count as two; name it once")
 
 
 def publish_league(folder: Path, values: dict[str, Any]) -> None:
@@ -207,7 +217,8 @@ def film(path: Path, step: int, front_ends: FrontEnds, terminal: Terminal) -> di
 def words(values: dict[str, Any]) -> str:
     """Return an evaluation as lines for a person."""
     runs = values["runs"]
-    lines = [league(values) if len(runs) > 1 else table(runs)] if runs else []
+    lines = _cautions(runs)
+    lines += [league(values) if len(runs) > 1 else table(runs)] if runs else []
     lines += [
         duel(pair, result, values["differences"][pair]) for pair, result in values["paired"].items()
     ]
@@ -224,6 +235,19 @@ def words(values: dict[str, Any]) -> str:
                     f"{title} median {middle}, min {told[name]['min']}"
                 )
     return "\n".join(lines)
+
+
+def _cautions(runs: list[dict[str, Any]]) -> list[str]:
+    """Return what a reader must know before the figures: simulations, controllers that failed."""
+    simulated = sum(is_simulated(run["cameras"]) for run in runs)
+    lines = [f"SIMULATED: {simulated} of {len(runs)} runs"] if simulated else []
+    for run in runs:
+        for side in (run[name] for name in RACE_SIDES if run[name]["held"]):
+            lines.append(
+                f"{side['controller']} failed on {side['held']} pictures of {run['cameras']}, "
+                "where its last settings held: this is no drive of its own"
+            )
+    return lines
 
 
 def nearness(controller: str, told: dict[str, Any]) -> str:

@@ -84,10 +84,14 @@ def with_ceiling(summary: Summary) -> Summary:
 
 def tell(folder: Path, summary: Summary, terminal: Terminal) -> None:
     """Print the verdict, a table, and where the report is."""
-    values = summary.as_json()
+    terminal.result(words(folder, summary), summary.as_json())
+
+
+def words(folder: Path, summary: Summary) -> str:
+    """Return the verdict, a table, and where the report is."""
     near = nearness(summary)
-    lines = [verdict(summary), table([values]), *([near] if near else [])]
-    terminal.result("\n".join([*lines, f"report: {folder / REPORT}"]), values)
+    lines = [verdict(summary), table([summary.as_json()]), *([near] if near else [])]
+    return "\n".join([*lines, f"report: {folder / REPORT}"])
 
 
 def table(runs: list[dict[str, Any]]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.cli.exits import INTERRUPTED, OK
 from rig.cli.interrupt import stop_on_signal
-from rig.cli.options import chosen_cameras
+from rig.cli.options import chosen_cameras, is_simulated
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import CameraError, UsageError
 from rig.core.types import SIDES, Pair
@@ -56,7 +56,8 @@ def latency(
                     advance(done)
                     if stop.requested:
                         return INTERRUPTED
-    words = "\n".join(line for mode, found in results.items() for line in histogram(mode, found))
+    lines = [line for mode, found in results.items() for line in histogram(mode, found)]
+    words = "\n".join([f"SIMULATED: {address}", *lines] if is_simulated(address) else lines)
     terminal.result(words, {"cameras": address, "modes": results})
     silent = [s for found in results.values() for s in found.values() if s["without_effect"]]
     if silent:

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import parse_qs
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from rig.core.errors import RigError
+from rig.core.errors import RigError, UsageError
 
 DEFAULT_CAMERAS = "sim:tunnel"
 
@@ -57,6 +58,20 @@ def chosen_cameras(named: str | None, usual: str = DEFAULT_CAMERAS) -> str:
             f"pass --cameras {real} for them, or --cameras {usual} for the simulation"
         )
     return usual
+
+
+def names_a_world(cameras: str | None) -> bool:
+    """Return whether an address says itself which world it is."""
+    return "seed" in parse_qs((cameras or "").partition("?")[2])
+
+
+def refuse_own_seed(cameras: str | None) -> None:
+    """Raise UsageError for an address that names one world where --seeds names many."""
+    if names_a_world(cameras):
+        raise UsageError(
+            f"--seeds and the seed in {cameras} exclude each other: every drive would be in that "
+            "one world; leave one of them out"
+        )
 
 
 def is_simulated(address: str) -> bool:

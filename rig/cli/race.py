@@ -14,7 +14,7 @@ from rig.cli.drive import make_header, record_drive
 from rig.cli.evaluate import publish_league, together, words
 from rig.cli.exits import INTERRUPTED
 from rig.cli.judge import REPORT, publish, tell
-from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, make_folder, run_folder
+from rig.cli.options import DEFAULT_RUN, RunOptions, chosen_cameras, names_a_world, run_folder
 from rig.cli.provenance import file_sha256
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions
@@ -55,6 +55,8 @@ def race(
     wiring = (right, left) if swap else (left, right)
     folder = run_folder(run.out, "race")
     if seeds is not None:
+        if names_a_world(run.cameras):
+            terminal.say(f"{run.cameras} is one world: over --seeds only noise differs")
         return race_seeds(wiring, swap, parse_seeds(seeds), run, folder, terminal, web)
     raced = race_once(wiring, swap, run, folder, terminal, web)
     tell(folder, raced.summary, terminal)
@@ -106,7 +108,6 @@ def race_once(
             models=used_models(wired),
             calibration=calibration_for(source, run.calibration, terminal),
         )
-        make_folder(folder)
         policy = RacePolicy(primary, secondary, SystemClock())
         drive = record_drive(source, policy, header, folder, run.frames, terminal, web)
     return Raced(publish(folder, terminal), drive.exit_code)

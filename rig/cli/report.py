@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.cli.exits import OK
-from rig.cli.judge import Watched, publish, tell
+from rig.cli.judge import Watched, publish, words
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import RigError, UsageError
 from rig.evaluation.summary import Summary
@@ -22,6 +22,8 @@ def report(
 ) -> int:
     """Write summary.json and report.html beside each recording, replacing what is there.
 
+    The JSON is that of summary.json; of several recordings a list of them, `runs`.
+
     Parameters
     ----------
     recordings:
@@ -35,12 +37,15 @@ def report(
         raise UsageError("nothing to report on: name a recording")
     if video is not None:
         check_video(video, recordings)
+    summaries = {}
     for recording in recordings:
         folder = find(recording).parent
-        summary = publish(folder, terminal, pictures=pictures)
-        tell(folder, summary, terminal)
+        summaries[folder] = publish(folder, terminal, pictures=pictures)
         if video is not None:
-            film(video, folder, summary, terminal)
+            film(video, folder, summaries[folder], terminal)
+    values = [summary.as_json() for summary in summaries.values()]
+    text = "\n\n".join(words(folder, summary) for folder, summary in summaries.items())
+    terminal.result(text, values[0] if len(values) == 1 else {"runs": values})
     return OK
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rig.cli.evaluate import unfolded
 from rig.cli.exits import OK
-from rig.cli.options import Triggers
+from rig.cli.options import Triggers, refuse_own_seed
 from rig.cli.race import parse_seeds
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.core.errors import UsageError
@@ -56,9 +57,9 @@ def targets(
         Address of a Dask scheduler whose workers do it instead, such as tcp://10.0.0.5:8786.
     """
     from rig.bulk import ALONE, Workers
-    from rig.models.targets import make_targets, refuse_existing
+    from rig.models.targets import make_targets, require_new
 
-    refuse_existing(out)
+    require_new(out)
     simulated = [name for name in recordings if name.startswith("sim:")]
     if simulated and (metric != PATH or len(simulated) < len(recordings)):
         raise UsageError(
@@ -70,15 +71,15 @@ def targets(
         raise UsageError(
             "--seeds, --first, --frames and --processes go with simulated cameras only"
         )
-    out.parent.mkdir(parents=True, exist_ok=True)
+    runs = [run for name in recordings for run in unfolded(Path(name))]
     with terminal.progress("targets", None) as advance:
         found = make_targets(
-            [Path(name) for name in recordings],
+            runs,
             metric,
             window,
             alpha,
             lambda _, done, total: advance(done, total),
-            Workers(workers, dask) if len(recordings) > 1 or dask else ALONE,
+            Workers(workers, dask) if len(runs) > 1 or dask else ALONE,
             folder=out.parent,
         )
     found.save(out)
@@ -117,6 +118,8 @@ def _worlds(cameras: list[str], seeds: str | None) -> list[str]:
     """Return one address a world: every address with every seed."""
     if seeds is None:
         return cameras
+    for address in cameras:
+        refuse_own_seed(address)
     return [
         f"{address}{'&' if '?' in address else '?'}seed={seed}"
         for address in cameras

@@ -70,7 +70,8 @@ class SideSummary:
     `inliers` maps each front end that ran to its statistics; `exposure_us` and `gain_db` are
     (lowest, median, highest) of what was used; `decision_ms` holds p50 and p99. `segments` maps
     the kinds of light that the drive had to their statistics. `odometry` is there when the
-    viso2-style front end ran.
+    viso2-style front end ran. `held` is on how many pictures, of all that came, the controller
+    failed, so that its last settings held.
     """
 
     controller: str
@@ -80,6 +81,7 @@ class SideSummary:
     decision_ms: Mapping[str, float | None]
     segments: Mapping[Kind, SegmentSummary]
     odometry: Odometry | None = None
+    held: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """Return the object under `left` or `right` in summary.json."""
@@ -99,6 +101,7 @@ class SideSummary:
             "exposure_us": list(self.exposure_us),
             "gain_db": list(self.gain_db),
             "decision_ms": dict(self.decision_ms),
+            "held": self.held,
             "segments": {kind: part.as_json() for kind, part in self.segments.items()},
         }
 
@@ -208,6 +211,7 @@ def _side(controller: str, series: RunSeries, found: Sequence[Segment], side: Si
         decision_ms=latency(counted(trigger, camera.decision_ms)),
         segments={kind: part for kind, part in parts.items() if part.pairs},
         odometry=camera.odometry,
+        held=sum(word != "" for word in camera.words.get("held", ())),
     )
 
 

@@ -20,6 +20,10 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[i
     return code, lines[0]
 
 
+SMALL_WALL = ("--cameras", "sim:wall?size=160x120")
+ONE_WORLD = ("--cameras", "sim:tunnel?seed=9")
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
@@ -50,6 +54,23 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[i
         (("evaluate",), 2, ("nothing to evaluate",)),
         (("info", "no/such/run"), 1, ("no/such/run",)),
         (("train", "none.npz", "--out", "x.onnx"), 1, ("none.npz",)),
+        (("train", "none.npz", "--net", "map-smal", "--out", "x.onnx"), 2, ("mean 'map-small'",)),
+        (("targets", "none", "--metric", "nope", "--out", "x.npz"), 2, ("nope", "path")),
+        (("race", "fixed:gain_db=99", "aeag", *SMALL_WALL), 1, ("99", "0..30 dB")),
+        (("collect", "--sweep", "4", "--gains", "99", *SMALL_WALL), 2, ("99 dB", "0..30 dB")),
+        (("collect", "--sweep", "4", "--poses", "0"), 2, ("--poses", "0")),
+        (("collect", "--poses", "3"), 2, ("go with --sweep",)),
+        (("collect", "--seeds", "1-2", "--out", "x", *ONE_WORLD), 2, ("--seeds", "seed=9")),
+        (
+            ("targets", ONE_WORLD[1], "--seeds", "1-2", "--metric", "path", "--out", "x.npz"),
+            2,
+            ("--seeds", "seed=9"),
+        ),
+        (
+            ("calibrate-aperture", "--auto", "--calibration", "nope.toml", *SMALL_WALL),
+            1,
+            ("nope.toml",),
+        ),
     ],
 )
 def test_one_line_and_the_exit_code(

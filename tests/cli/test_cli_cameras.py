@@ -102,8 +102,9 @@ def test_latency_speaks(capsys: pytest.CaptureFixture[str]) -> None:
     address = f"sim:wall?{SMALL}&latency_frames=3"
     assert run(["latency", "--cameras", address, "--steps", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "next-frame, primary SIM-PRIMARY: settings come 3 frames late"
-    assert lines[1].split() == ["3", "#" * 30, "2"]
+    assert lines[0] == f"SIMULATED: {address}"
+    assert lines[1] == "next-frame, primary SIM-PRIMARY: settings come 3 frames late"
+    assert lines[2].split() == ["3", "#" * 30, "2"]
 
 
 @needs_aravis

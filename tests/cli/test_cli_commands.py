@@ -64,9 +64,10 @@ def test_swap_gives_left_the_secondary(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_seeds_are_compared_over_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--frames", "13", "--cameras", "sim:tunnel?size=320x240&seed=3", "--json", "-q"]
+    arguments = ["--frames", "13", "--cameras", "sim:tunnel?size=320x240", "--json"]
     out = tmp_path / "many"
-    code, text, _ = said(capsys, "race", "aeag", "aeag", "--seeds", "1,2", "--out", out, *arguments)
+    seeds = ("--seeds", "1,2", "--out", out)
+    code, text, _ = said(capsys, "race", "aeag", "aeag", *seeds, *arguments, "-q")
     assert code == 0
     values = json.loads(text)
     assert values == json.loads((out / "evaluation.json").read_text())
@@ -113,7 +114,8 @@ def test_evaluate_makes_a_league_table_of_many_runs(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    runs = (race_folder, race_folder, collect_folder)
+    shutil.copytree(race_folder, tmp_path / "again")
+    runs = (race_folder, tmp_path / "again", collect_folder)
     league, options = tmp_path / "league", ("--front-end", "orb", "-q")
     code, out, _ = said(capsys, "evaluate", *runs, *options, "--out", league)
     assert code == 0
@@ -125,8 +127,9 @@ def test_evaluate_makes_a_league_table_of_many_runs(
     code, _, error = said(capsys, "evaluate", *runs, *options, "--out", league)
     assert code == 1
     assert "exists" in error
-    assert lines[0].split()[0] == "controller"
-    places = [line.split() for line in lines[1:4]]
+    assert lines[0] == "SIMULATED: 3 of 3 runs"
+    assert lines[1].split()[0] == "controller"
+    places = [line.split() for line in lines[2:5]]
     assert [row[0] for row in places] == ["1", "2", "3"]
     medians = [float(row[3]) for row in places]
     assert medians == sorted(medians, reverse=True)
@@ -138,8 +141,9 @@ def test_evaluate_makes_a_league_table_of_many_runs(
 def test_ways_are_written_one_file_a_side_and_the_true_one(
     race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder, file = tmp_path / "ways", race_folder / "run.mcap"
-    code, _, _ = said(capsys, "evaluate", race_folder, file, "--trajectories", folder, "-q")
+    folder, again = tmp_path / "ways", tmp_path / "run"
+    shutil.copytree(race_folder, again)
+    code, _, _ = said(capsys, "evaluate", race_folder, again, "--trajectories", folder, "-q")
     assert code == 0
     both = [
         f"{name}-{whose}.tum" for name in ("run", "run_2") for whose in ("left", "right", "truth")
@@ -197,6 +201,42 @@ def test_report_writes_the_page_anew(race_folder: Path, capsys: pytest.CaptureFi
     assert code == 0
     assert page.read_bytes() == before
     assert out.rstrip().endswith(f"report: {page}")
+
+
+def test_several_reports_are_one_document(
+    race_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        shutil.copytree(race_folder, folder)
+    code, out, _ = said(capsys, "report", *folders, "--json")
+    assert code == 0
+    told = json.loads((race_folder / "summary.json").read_text())
+    assert [run["left"]["orb"] for run in json.loads(out)["runs"]] == [told["left"]["orb"]] * 2
+
+
+def test_a_recording_named_twice_is_refused(
+    race_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, problem = said(capsys, "evaluate", race_folder, race_folder / "run.mcap")
+    assert code == 2
+    assert "named twice" in problem
+
+
+def test_a_controller_that_fails_is_not_ranked_without_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    cameras = "sim:wall?size=64x48"  # too small for the network's cells
+    code, out, _ = said(
+        capsys, "race", "ours", "aeag", "--cameras", cameras, "--frames", 12, "--out", folder
+    )
+    assert code == 0
+    assert "ours failed on 12 pictures, where its last settings held" in out
+    told = json.loads((folder / "summary.json").read_text())
+    assert (told["left"]["held"], told["right"]["held"]) == (12, 0)
+    _, out, _ = said(capsys, "evaluate", folder)
+    assert out.startswith("SIMULATED: 1 of 1 runs\nours failed on 12 pictures")
 
 
 def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from rig.evaluation.report.wording import labels, number
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, InlierStatistics
-from rig.evaluation.summary import Summary
+from rig.evaluation.summary import SideSummary, Summary
 
 
 def verdict(summary: Summary) -> str:
@@ -14,6 +14,20 @@ def verdict(summary: Summary) -> str:
 
     One run is one drive: however many pictures it has, it is one sample of the difference.
     """
+    return " ".join([*failures(summary.left, summary.right), _outcome(summary)])
+
+
+def failures(*sides: SideSummary) -> list[str]:
+    """Return a sentence for each controller that failed on pictures, and so did not drive."""
+    return [
+        f"{side.controller} failed on {side.held} pictures, where its last settings held: "
+        "this is no drive of its own."
+        for side in sides
+        if side.held
+    ]
+
+
+def _outcome(summary: Summary) -> str:
     left, right = summary.left, summary.right
     a, b = left.inliers["orb"], right.inliers["orb"]
     if a.median is None or b.median is None:
