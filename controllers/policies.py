@@ -159,7 +159,8 @@ class SweepPolicy:
                 (low_us, high_us), (low_db, high_db) = allowed.exposure_us, allowed.gain_db
                 raise UsageError(
                     f"a sweep of {settings.exposure_us:g} us at {settings.gain_db:g} dB "
-                    f"is outside the camera's {low_us:g}..{high_us:g} us and {low_db:g}..{high_db:g} dB"
+                    "is outside the camera's "
+                    f"{low_us:g}..{high_us:g} us and {low_db:g}..{high_db:g} dB"
                 )
         self._taken = 0
         return self._next()
