@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from rig.cli.attach import calibration_for
 from rig.cli.drive import Drive, make_header, record_drive
 from rig.cli.options import DEFAULT_RUN, RunOptions, Triggers, chosen_cameras, run_folder
-from rig.cli.race import contestant
+from rig.cli.race import contestant, used_models
 from rig.cli.terminal import DEFAULT_TERMINAL, Terminal
 from rig.cli.web import DEFAULT_WEB, WebOptions
 from rig.controllers.perturb import make_perturbation
@@ -116,7 +116,7 @@ def collect_drive(
             run.seed,
             Pair(*policy.names),
             options=options | {"perturb": wanted.perturb},
-            models={},
+            models=used_models([leading]),
             calibration=calibration_for(source, run.calibration, terminal),
         )
         return record_drive(source, policy, header, folder, run.frames, terminal, web)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -148,7 +149,7 @@ def race_options(wired: Pair[NamedController], swap: bool) -> dict[str, str]:
     return options
 
 
-def used_models(wired: Pair[NamedController]) -> dict[str, str]:
+def used_models(driving: Sequence[NamedController]) -> dict[str, str]:
     """Return the hash of each network file that takes part."""
-    paths = {item.name: item.model for item in wired if item.model is not None}
+    paths = {item.name: item.model for item in driving if item.model is not None}
     return {name: file_sha256(path) for name, path in paths.items()}

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from rig.cli.main import run
+from rig.cli.provenance import file_sha256
 from rig.core.types import Settings
 from rig.experiments import bound
 from rig.experiments.bound import Bound, Constant, Reach, Replayed
+from rig.models.shipped import shipped_networks
 from rig.record.reader import open_recording
 
 
@@ -290,6 +292,19 @@ def test_collect_to_targets(
     assert code == 0
     assert json.loads(text)["poses"] == 11
     assert out.is_file()
+
+
+def test_a_network_leads_the_next_collection(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The iterative collection of thesis chapter 6; the recording says which network it was."""
+    folder, model = tmp_path / "second", shipped_networks()["ours"]
+    arguments = ("--leader", f"network:model={model}", "--cameras", "sim:road?size=320x240")
+    code, _, _ = said(capsys, "collect", *arguments, "--frames", 4, "--out", folder)
+    assert code == 0
+    header = open_recording(folder).header
+    assert header.controllers.primary == f"network:model={model}"
+    assert header.models == {header.controllers.primary: file_sha256(model)}
 
 
 def test_collecting_stays_on_the_training_worlds(collect_folder: Path) -> None:
