@@ -22,11 +22,9 @@ class FixedController:
     def reset(self, limits: Limits) -> Command:
         """Return the settings; raises ControllerError when the camera cannot take them."""
         if self._settings.clamp(limits) != self._settings:
-            exposure_us, gain_db = limits.exposure_us, limits.gain_db
             raise ControllerError(
                 f"fixed: {self.exposure_us:g} us and {self.gain_db:g} dB are outside the camera's "
-                f"{exposure_us[0]:g}..{exposure_us[1]:g} us and {gain_db[0]:g}..{gain_db[1]:g} dB;"
-                " choose settings inside"
+                f"{limits}; choose settings inside"
             )
         return self._settings
 

@@ -156,11 +156,9 @@ class SweepPolicy:
         """Return the first two settings; raises UsageError for some that a camera cannot take."""
         for settings, allowed in zip(self.settings, limits * len(self.settings), strict=False):
             if settings.clamp(allowed) != settings:
-                (low_us, high_us), (low_db, high_db) = allowed.exposure_us, allowed.gain_db
                 raise UsageError(
-                    f"a sweep of {settings.exposure_us:g} us at {settings.gain_db:g} dB "
-                    "is outside the camera's "
-                    f"{low_us:g}..{high_us:g} us and {low_db:g}..{high_db:g} dB"
+                    f"a sweep of {settings.exposure_us:g} us at {settings.gain_db:g} dB is outside "
+                    f"the camera's {allowed}"
                 )
         self._taken = 0
         return self._next()

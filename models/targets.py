@@ -87,7 +87,6 @@ class Targets:
         Raises UsageError when the file exists.
         """
         require_new(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
         arrays = {field.name: getattr(self.poses, field.name) for field in fields(Poses)}
         unfinished = path.with_name(path.name + ".part")
         with unfinished.open("wb") as file:

@@ -102,14 +102,9 @@ def _limits(camera: Camera, allowed: Limits) -> Limits:
         return camera.limits.within(allowed)
     except ValueError:
         raise CameraError(
-            f"{camera.serial}: takes {_spelled(camera.limits)}, of which the rig's "
-            f"{_spelled(allowed)} leave nothing; use another camera, or correct its camera file"
+            f"{camera.serial}: takes {camera.limits}, of which the rig's {allowed} leave nothing; "
+            "use another camera, or correct its camera file"
         ) from None
-
-
-def _spelled(limits: Limits) -> str:
-    (low_us, high_us), (low_db, high_db) = limits.exposure_us, limits.gain_db
-    return f"{low_us:g} to {high_us:g} us and {low_db:g} to {high_db:g} dB"
 
 
 def _grab(side: Side, camera: Camera, trigger: int, timeout_s: float) -> Frame | Lost:

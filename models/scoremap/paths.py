@@ -20,6 +20,7 @@ from rig.bulk import Workers
 from rig.core.errors import RecordingError, UsageError
 from rig.models.scoremap.grid import SettingsGrid, path_grid
 from rig.models.scoremap.seen import SeenDrive, see_drives
+from rig.models.targets import require_new
 
 SCHEMA = "rig.paths/4"
 
@@ -52,9 +53,7 @@ class PathTargets:
 
         Raises UsageError when the file exists.
         """
-        if path.exists():
-            raise UsageError(f"{path} exists: choose another --out or delete it")
-        path.parent.mkdir(parents=True, exist_ok=True)
+        require_new(path)
         arrays: dict[str, NDArray[np.generic]] = {}
         for index, drive in enumerate(self.drives):
             arrays[f"thumbnails_{index}"] = drive.thumbnails

@@ -26,6 +26,7 @@ from rig.evaluation.odometry import write_tum
 from rig.evaluation.pictures import judge_pictures, natural_order
 from rig.evaluation.report.league import ranking, write_league
 from rig.evaluation.report.verdict import shares_text
+from rig.evaluation.report.wording import failed
 from rig.evaluation.statistics import WARM_UP_PAIRS
 from rig.evaluation.summary import RACE_SIDES, Summary
 from rig.record.container import find
@@ -241,13 +242,12 @@ def _cautions(runs: list[dict[str, Any]]) -> list[str]:
     """Return what a reader must know before the figures: simulations, controllers that failed."""
     simulated = sum(is_simulated(run["cameras"]) for run in runs)
     lines = [f"SIMULATED: {simulated} of {len(runs)} runs"] if simulated else []
-    for run in runs:
-        for side in (run[name] for name in RACE_SIDES if run[name]["held"]):
-            lines.append(
-                f"{side['controller']} failed on {side['held']} pictures of {run['cameras']}, "
-                "where its last settings held: this is no drive of its own"
-            )
-    return lines
+    sides = [(run, run[name]) for run in runs for name in RACE_SIDES]
+    return lines + [
+        f"{failed(side['controller'], side['held'])}, on {run['cameras']}"
+        for run, side in sides
+        if side["held"]
+    ]
 
 
 def nearness(controller: str, told: dict[str, Any]) -> str:

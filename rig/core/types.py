@@ -43,6 +43,11 @@ class Limits:
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise ValueError(f"{name} limits must be finite and ordered, got {low!r}..{high!r}")
 
+    def __str__(self) -> str:
+        """Return them as messages tell them: 75..30000 us and 0..30 dB."""
+        (low_us, high_us), (low_db, high_db) = self.exposure_us, self.gain_db
+        return f"{low_us:g}..{high_us:g} us and {low_db:g}..{high_db:g} dB"
+
     def within(self, outer: Limits) -> Limits:
         """Return the part of these limits that `outer` allows; ValueError when there is none."""
         return Limits(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.evaluation.report.wording import labels, number
+from rig.evaluation.report.wording import failed, labels, number
 from rig.evaluation.statistics import BLIND_BELOW, WARM_UP_PAIRS, InlierStatistics
 from rig.evaluation.summary import SideSummary, Summary
 
@@ -19,12 +19,7 @@ def verdict(summary: Summary) -> str:
 
 def failures(*sides: SideSummary) -> list[str]:
     """Return a sentence for each controller that failed on pictures, and so did not drive."""
-    return [
-        f"{side.controller} failed on {side.held} pictures, where its last settings held: "
-        "this is no drive of its own."
-        for side in sides
-        if side.held
-    ]
+    return [f"{failed(side.controller, side.held)}." for side in sides if side.held]
 
 
 def _outcome(summary: Summary) -> str:

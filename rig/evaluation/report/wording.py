@@ -29,6 +29,14 @@ def labels(left: str, right: str) -> tuple[str, str]:
     return kind(left), kind(right)
 
 
+def failed(controller: str, pictures: int) -> str:
+    """Return what is to be known of a controller that failed on so many pictures."""
+    return (
+        f"{controller} failed on {pictures} pictures, where its last settings held: "
+        "this is no drive of its own"
+    )
+
+
 def kind(controller: str) -> str:
     """Return a controller's name without its options."""
     return controller.partition(":")[0]
