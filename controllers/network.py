@@ -13,6 +13,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from rig.controllers.onnx_guard import check_model, read_model, try_model
+from rig.controllers.reflex import startled
 from rig.core.errors import ControllerError, ModelError
 from rig.core.types import Auto, Command, Diagnostics, Frame, Limits, Settings
 from rig.vision.bayer import NETWORK_PX, to_rgb224
@@ -28,10 +29,15 @@ _GREY = Frame(np.full((448, 448), 128, np.uint8), "bayer_rggb8", 0, 0, 0, Auto()
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What a network sees of one frame: float32 in 0..1 of `shape` = (channels, rows, columns)."""
+    """What a network sees of one frame: float32 in 0..1 of `shape` = (channels, rows, columns).
+
+    `second_thought` gets the picture, the settings it was taken with, the network's answer to it
+    and the limits, and returns what is asked for instead.
+    """
 
     shape: tuple[int, int, int]
     make: Callable[[Frame], NDArray[np.float32]]
+    second_thought: Callable[[NDArray[np.float32], Settings, Settings, Limits], Settings]
 
 
 def _share(bytes_of_255: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -40,11 +46,14 @@ def _share(bytes_of_255: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 PICTURES: Mapping[str, Picture] = {
     "rgb224": Picture(
-        (3, NETWORK_PX, NETWORK_PX), lambda frame: to_rgb224(frame.image, frame.pixel_format)
+        (3, NETWORK_PX, NETWORK_PX),
+        lambda frame: to_rgb224(frame.image, frame.pixel_format),
+        lambda _picture, _used, answer, _limits: answer,
     ),
     "thumbnail": Picture(
         (2, THUMBNAIL_PX[1], THUMBNAIL_PX[0]),
         lambda frame: _share(thumbnail(frame.image, frame.pixel_format)),
+        startled,
     ),
 }
 """The pictures that the metadata's `picture` may ask for; `rgb224` where it says nothing."""
@@ -57,7 +66,8 @@ class NetworkController:
     Until three frames exist the oldest is repeated. Settings go in scaled to 0..1 of the limits in
     the file's metadata (thesis eq. 4.14), the answer is clamped to 0..1 and to the camera's limits.
     A network that takes a fourth pair of settings is told its last command too, which a slow
-    camera has yet to use.
+    camera has yet to use. A score map, which sees thumbnails, is overruled by `startled` in a
+    picture that is all white or all dark.
     Raises ModelError when the file cannot be read, is no network of this interface, or answers a
     grey picture with something that is not a number.
     """
@@ -72,6 +82,7 @@ class NetworkController:
     _settings: NDArray[np.float32] = field(init=False, repr=False)
     _asked: Settings = field(init=False)
     _frames: int = field(init=False, default=0)
+    _overruled: bool = field(init=False, default=False)
     _answer: NDArray[np.float32] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -99,12 +110,16 @@ class NetworkController:
         answer = self._run()
         if not np.isfinite(answer).all():
             raise ControllerError(f"{self.model.name} answered {answer.tolist()}")
-        self._asked = self._unscaled(np.clip(answer, 0.0, 1.0)).clamp(self._limits)
+        wanted = self._unscaled(np.clip(answer, 0.0, 1.0)).clamp(self._limits)
+        newest = self._images[0, : self._picture.shape[0]]
+        self._asked = self._picture.second_thought(newest, frame.used, wanted, self._limits)
+        self._overruled = self._asked != wanted
         return self._asked
 
     def diagnostics(self) -> Diagnostics:
-        """Return the answer before it was clamped, 0..1 of the network's limits."""
+        """Return the answer, 0..1 of the network's limits before it was clamped, and its fate."""
         return {
+            "overruled": float(self._overruled),
             "exposure_answer": float(self._answer[0]),
             "gain_answer": float(self._answer[1]),
         }
@@ -115,6 +130,7 @@ class NetworkController:
         self._settings = np.zeros((1, self._told), np.float32)
         self._answer = np.zeros(2, np.float32)
         self._frames = 0
+        self._overruled = False
 
     def _remember(self, frame: Frame) -> None:
         """Put the frame first and drop the oldest; the first frame ever fills all places."""
