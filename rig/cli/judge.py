@@ -74,7 +74,7 @@ def publish(folder: Path, terminal: Terminal, *, pictures: bool = True) -> Summa
 
 def with_ceiling(summary: Summary) -> Summary:
     """Return the summary with the bound of its drive, if whole and worked out before."""
-    from rig.experiments.bound import known_bound
+    from rig.experiments.known_bounds import known_bound
 
     known = known_bound(summary.header.cameras, summary.header.world_version)
     if known is None or known.pairs != len(summary.series) - WARM_UP_PAIRS:

@@ -12,33 +12,32 @@ other noise: what is left is what it owes to the future alone (`Replayed`).
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from functools import cache, partial
-from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.bulk import Workers, run_tasks
-from rig.config import camera_digest
 from rig.core.errors import UsageError
-from rig.core.types import Settings
-from rig.drivers.addresses import Address, parse_address
+from rig.drivers.addresses import parse_address
 from rig.drivers.registry import open_source
-from rig.drivers.scenes.cache import cache_folder, cached
+from rig.drivers.scenes.cache import cached
 from rig.drivers.simulated.source import SimulatedSource
+from rig.experiments.known_bounds import (
+    Bound,
+    Constant,
+    Reach,
+    Replayed,
+    method,
+    remember,
+    scene_of,
+)
 from rig.experiments.sweeps import Bench, Counts, SettingsGrid, settings_grid
 
 WARM_UP_PAIRS = 10
 """Pairs that are recorded but not counted."""
-
-RECIPE = "1"
-"""Counts the ways in which bounds were worked out; a stored one of another way is not used."""
 
 DB_PER_STOP = 20 * math.log10(2)
 
@@ -46,64 +45,8 @@ _NO_MOVE = -1
 _DRAWS = 5
 _PAIRS_A_PIECE = 5
 _SMALLEST_GRID = (10, 4)
-_OF_THE_DRIVE_ONLY = ("decision_ms", "latency_frames")
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Reach:
-    """How far the settings may move from one frame to the next.
-
-    At most so many steps of the grid for exposure and gain, and a change of brightness (exposure
-    times gain) of at most `brightness_ev`: further moves cost more matches than they win.
-    """
-
-    exposures: int = 2
-    gains: int = 1
-    brightness_ev: float = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Constant:
-    """Settings that never change, and what they have."""
-
-    settings: Settings
-    median: float
-    min: int
-
-
-@dataclass(frozen=True, slots=True)
-class Replayed:
-    """What the two paths have in other noise, each its own figure: means over five draws.
-
-    A controller cannot know the noise, so what it could reach lies between this and the bound:
-    below the bound, and above this where another path has more that is no luck.
-    """
-
-    median: float
-    min: float
-
-
-@dataclass(frozen=True, slots=True)
-class Bound:
-    """The best median and the best minimum of inliers that any path over the grid has.
-
-    `best_constant` has the best median of all constants (of equal ones the best minimum),
-    `steadiest_constant` the best minimum (of equal ones the best median). `grid` is (number of
-    exposures, number of gains), `pairs` the number of counts.
-    """
-
-    cameras: str
-    grid: tuple[int, int]
-    best_median: int
-    best_min: int
-    best_constant: Constant
-    steadiest_constant: Constant
-    replayed: Replayed
-    reach: Reach
-    pairs: int
-    world_version: str
 
 
 def find_bound(
@@ -145,33 +88,8 @@ def find_bound(
     moves = np.concatenate([done[start] for start in starts])
     found = _bound_of(moves, settings_grid(*grid), source)
     if frames is None:
-        _remember(found)
+        remember(found)
     return found
-
-
-def known_bound(cameras: str, world_version: str) -> Bound | None:
-    """Return the bound of a whole drive when `find_bound` has worked it out before, or None.
-
-    `cameras` is the resolved address of an opened source, as recordings and summaries carry it.
-    """
-    try:
-        values = json.loads(_memory(cameras, world_version).read_text(encoding="utf-8"))
-        best, steadiest = (
-            Constant(**{**constant, "settings": Settings(**constant["settings"])})
-            for constant in (values.pop("best_constant"), values.pop("steadiest_constant"))
-        )
-        replayed, reach = Replayed(**values.pop("replayed")), Reach(**values.pop("reach"))
-        grid = tuple(values.pop("grid"))
-        return Bound(
-            **values,
-            best_constant=best,
-            steadiest_constant=steadiest,
-            replayed=replayed,
-            reach=reach,
-            grid=grid,
-        )
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 def highest_minimum(moves: Counts) -> int:
@@ -309,7 +227,7 @@ def _counted(
         moves = [_moves(bench, pair, grid, allowed) for pair in range(first, last)]
         return {"moves": np.stack(moves).astype(np.int16)}
 
-    key = f"{_scene_of(cameras)} {_bench(cameras).version} {shape} {reach} {piece} {_method()}"
+    key = f"{scene_of(cameras)} {_bench(cameras).version} {shape} {reach} {piece} {method()}"
     counted = cached("bounds", key, count)["moves"].astype(np.int64)
     return first, counted
 
@@ -329,31 +247,3 @@ def _bench(cameras: str) -> Bench:
     camera = parse_address(source.address).options["camera"]
     rate_hz = 1 / source.drive.scene_time_s(1)
     return Bench(source.scene, camera, rate_hz)
-
-
-def _scene_of(cameras: str) -> str:
-    """Return an address without the options that change no picture of given settings.
-
-    A camera's file, which may change, stands in it by its digest as well.
-    """
-    parsed = parse_address(cameras)
-    kept = {k: v for k, v in parsed.options.items() if k not in _OF_THE_DRIVE_ONLY}
-    digest = camera_digest(parsed.options.get("camera", ""))
-    return str(Address(parsed.scheme, parsed.name, kept)) + digest
-
-
-def _method() -> str:
-    return f"{version('exposure-rig')} {RECIPE}"
-
-
-def _memory(cameras: str, world_version: str) -> Path:
-    words = f"{_scene_of(cameras)} {world_version} {_method()}"
-    return cache_folder() / "bounds" / f"{hashlib.sha256(words.encode()).hexdigest()[:24]}.json"
-
-
-def _remember(found: Bound) -> None:
-    path = _memory(found.cameras, found.world_version)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(".part")
-    unfinished.write_text(json.dumps(asdict(found)), encoding="utf-8")
-    unfinished.replace(path)

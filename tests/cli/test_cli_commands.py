@@ -14,8 +14,8 @@ import pytest
 from rig.cli.main import run
 from rig.cli.provenance import file_sha256
 from rig.core.types import Settings
-from rig.experiments import bound
-from rig.experiments.bound import Bound, Constant, Reach, Replayed
+from rig.experiments import known_bounds
+from rig.experiments.known_bounds import Bound, Constant, Reach, Replayed, remember
 from rig.models.shipped import shipped_networks
 from rig.record.reader import open_recording
 
@@ -247,7 +247,7 @@ def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(bound, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(known_bounds, "cache_folder", lambda: tmp_path / "cache")
     told = json.loads((race_folder / "summary.json").read_text())
     assert "bound" not in told and "of_bound" not in told["left"]
     folder = tmp_path / "run"
@@ -264,7 +264,7 @@ def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(
         pairs=4,
         world_version=told["world_version"],
     )
-    bound._remember(best)
+    remember(best)
     code, out, _ = said(capsys, "report", folder)
     assert code == 0
     assert "a median of 800 and a minimum of 0" in out
@@ -279,7 +279,7 @@ def test_a_drive_whose_bound_is_known_is_told_as_a_share_of_it(
     for other in ("orb:features=900", "orb,features=900"):
         _, out, _ = said(capsys, "evaluate", folder, "--json", "--front-end", other)
         assert "of_bound" not in json.loads(out)["by_controller"]["aeag"]
-    bound._remember(replace(best, pairs=5))
+    remember(replace(best, pairs=5))
     said(capsys, "report", folder)
     assert "bound" not in json.loads((folder / "summary.json").read_text()), "not the whole drive"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -9,19 +11,29 @@ import numpy as np
 import pytest
 
 from rig.core.errors import UsageError
+from rig.drivers.registry import open_source
 from rig.drivers.scenes.cache import Arrays
-from rig.experiments import bound
+from rig.drivers.simulated.source import SimulatedSource
+from rig.experiments import bound, known_bounds
 from rig.experiments.bound import (
-    Reach,
+    WARM_UP_PAIRS,
     allowed_moves,
     best_constants,
     find_bound,
     highest_median,
     highest_minimum,
-    known_bound,
     median_path,
     minimum_path,
     most_at_least,
+)
+from rig.experiments.known_bounds import (
+    RECIPE,
+    SHIPPED,
+    Reach,
+    known_bound,
+    remember,
+    scene_of,
+    shipped_bounds,
 )
 from rig.experiments.sweeps import Counts, settings_grid
 
@@ -101,7 +113,7 @@ def test_moves_are_pruned_to_neighbours_of_much_the_same_brightness() -> None:
 def test_a_drive_has_a_bound_that_no_constant_beats_and_that_is_remembered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bound, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(known_bounds, "cache_folder", lambda: tmp_path)
     kept: dict[str, Arrays] = {}
     monkeypatch.setattr(bound, "cached", lambda _, key, make: kept.setdefault(key, make()))
     told: list[int] = []
@@ -113,19 +125,52 @@ def test_a_drive_has_a_bound_that_no_constant_beats_and_that_is_remembered(
     assert 0.5 * found.best_min < found.replayed.min <= found.best_min
     assert 0.5 * found.best_median < found.replayed.median <= found.best_median
     assert known_bound(found.cameras, found.world_version) is None, "not the whole drive"
-    bound._remember(found)
+    remember(found)
     assert known_bound(found.cameras, found.world_version) == found
     assert known_bound(found.cameras, "another/1") is None
     assert known_bound(found.cameras + "&light_step=10@30", found.world_version) is None
+
+
+def test_what_comes_with_the_rig_is_of_the_worlds_as_they_are() -> None:
+    assert len(shipped_bounds()) >= 6
+    for shipped in shipped_bounds().values():
+        with closing(open_source(shipped.cameras, seed=0)) as source:
+            assert isinstance(source, SimulatedSource)
+            assert source.address == shipped.cameras
+            assert source.world_version == shipped.world_version
+            assert shipped.pairs == source.drive_triggers - 1 - (WARM_UP_PAIRS - 1)
+        assert known_bound(shipped.cameras, "another/1") is None
+
+
+def test_a_race_as_it_comes_is_told_how_near_the_bound_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(known_bounds, "cache_folder", lambda: tmp_path)
+    with closing(open_source("sim:tunnel", seed=0)) as source:
+        known = known_bound(source.address, source.world_version)
+    assert known is not None
+    assert 0 < known.best_min < known.best_median
+    mine = replace(known, best_median=known.best_median + 1)
+    remember(mine)
+    assert known_bound(known.cameras, known.world_version) == mine
+
+
+def test_bounds_of_another_recipe_are_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    older = SHIPPED.read_text().replace(f'"recipe": "{RECIPE}"', '"recipe": "0"')
+    monkeypatch.setattr(known_bounds, "SHIPPED", tmp_path / "bounds.json")
+    (tmp_path / "bounds.json").write_text(older)
+    assert shipped_bounds.__wrapped__() == {}
 
 
 def test_a_camera_file_that_changed_is_another_camera(tmp_path: Path) -> None:
     file = tmp_path / "camera.toml"
     file.write_text("first")
     address = f"{SMALL}&camera={file}"
-    before = bound._scene_of(address)
+    before = scene_of(address)
     file.write_text("second")
-    assert bound._scene_of(address) != before
+    assert scene_of(address) != before
     file.unlink()
     assert known_bound(address, "tunnel/7") is None
 
