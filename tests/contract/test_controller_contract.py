@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
+from network_files import linear
 from numpy.typing import NDArray
-from onnx import TensorProto, helper
 
 from rig.controllers.registry import ALIASES, CONTROLLERS, make_controller
 from rig.core.autoexposure import AutoExposure, metered_dn
@@ -63,43 +62,10 @@ class AnalyticCamera:
 
 
 def write_brightness_network(path: Path) -> Path:
-    """Write a network that lowers its exposure when the newest picture is bright."""
-    nodes = [
-        helper.make_node("ReduceMean", ["images"], ["mean"], axes=[1, 2, 3], keepdims=0),
-        helper.make_node("Unsqueeze", ["mean", "axis"], ["column"]),
-        helper.make_node("MatMul", ["column", "slope"], ["change"]),
-        helper.make_node("Add", ["change", "offset"], ["next_settings"]),
-    ]
-    shapes = {"images": ["N", 9, 224, 224], "settings": ["N", 6], "next_settings": ["N", 2]}
-    values = {
-        name: helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
-        for name, shape in shapes.items()
-    }
-    graph = helper.make_graph(
-        nodes,
-        "brightness",
-        [values["images"], values["settings"]],
-        [values["next_settings"]],
-        [
-            helper.make_tensor("axis", TensorProto.INT64, [1], [1]),
-            helper.make_tensor("slope", TensorProto.FLOAT, [1, 2], [-0.02, -0.02]),
-            helper.make_tensor("offset", TensorProto.FLOAT, [2], [0.05, 0.01]),
-        ],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=9)
-    onnx.helper.set_model_props(
-        model,
-        {
-            "schema": "rig.network/1",
-            "frames": "3",
-            "exposure_us_lo": "75",
-            "exposure_us_hi": "30000",
-            "gain_db_lo": "0",
-            "gain_db_hi": "30",
-        },
-    )
-    onnx.save(model, path)
-    return path
+    """Write a network that lowers its exposure when its pictures are bright."""
+    weights = np.zeros((15, 2), np.float32)
+    weights[:9] = -0.02 / 9
+    return linear(path, weights, (0.05, 0.01))
 
 
 SPECS = {

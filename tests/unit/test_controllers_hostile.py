@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
+from network_files import METADATA
 from onnx import NodeProto, TensorProto, helper
 from onnx.numpy_helper import from_array
 
@@ -19,14 +20,6 @@ from rig.controllers.onnx_guard import OPERATORS, check_model, try_model
 from rig.core.errors import ModelError
 from rig.core.types import Frame, Limits, Settings
 
-METADATA = {
-    "schema": "rig.network/1",
-    "frames": "3",
-    "exposure_us_lo": "75",
-    "exposure_us_hi": "30000",
-    "gain_db_lo": "0",
-    "gain_db_hi": "30",
-}
 SHIPPED = Path(__file__).parents[2] / "models" / "weights" / "ours.onnx"
 
 
