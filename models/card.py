@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qs
@@ -95,21 +96,30 @@ def _described(source: RecordingSource) -> str:
     return f"`{source.name}`, `{source.cameras}`, sha256 `{source.sha256}`.{warning}"
 
 
+def _folders(result: TrainingResult) -> Callable[[Path, str], str]:
+    """Return where a recording lies: those of one name in two target files have folders apart."""
+    names = [one.name for _, targets in result.files for one in targets.recordings]
+    shared = {name for name, times in Counter(names).items() if times > 1}
+    return lambda path, name: f"{path.stem}/{name}" if name in shared else name
+
+
 def _remake(result: TrainingResult) -> str:
+    folder = _folders(result)
     lines = [
-        f"rig collect {_collect_options(source)} --out {shlex.quote(source.name)}"
-        for _, targets in result.files
+        f"rig collect {_collect_options(source)} --out {shlex.quote(folder(path, source.name))}"
+        for path, targets in result.files
         for source in targets.recordings
     ]
     for path, targets in result.files:
-        names = " ".join(shlex.quote(source.name) for source in targets.recordings)
+        names = " ".join(shlex.quote(folder(path, one.name)) for one in targets.recordings)
         lines.append(
             f"rig targets {names} --metric {targets.metric} --window {targets.window} "
             f"--alpha {targets.alpha:g} --out {shlex.quote(path.name)}"
         )
     recipe = result.recipe
     stored = ("--half " if result.half else "") + ("--int8 " if result.costs else "")
-    held_back = "".join(f"--hold-back {shlex.quote(s.name)} " for s in result.split.held_back)
+    held_names = dict.fromkeys(source.name for source in result.split.held_back)
+    held_back = "".join(f"--hold-back {shlex.quote(name)} " for name in held_names)
     files = " ".join(shlex.quote(path.name) for path, _ in result.files)
     lines.append(
         f"rig train --net {recipe.net} {files} --seed {recipe.seed} --epochs {recipe.epochs} "

@@ -187,6 +187,38 @@ def test_train_leaves_a_proven_network_and_its_card(files: list[Path], tmp_path:
         train(files, "toy", out)
 
 
+def test_a_card_keeps_recordings_of_one_name_apart(tmp_path: Path) -> None:
+    paths = [tmp_path / "first.npz", tmp_path / "second.npz"]
+    for seed, path in enumerate(paths):
+        made = make_targets_file(seed, count=5)
+        alike = tuple(replace(source, name="tunnel-1") for source in made.recordings)
+        replace(made, recordings=alike).save(path)
+    make_targets_file(2, count=5).save(tmp_path / "held.npz")
+    held = make_targets_file(2, count=5).recordings[0].name
+    card = train(
+        [*paths, tmp_path / "held.npz"], "toy", tmp_path / "net.onnx",
+        seed=1, epochs=12, batch_size=8, learning_rate=3e-3, held_back=(held,),
+    ).card.read_text()  # fmt: skip
+    for name in ("first", "second"):
+        assert f"--out {name}/tunnel-1" in card
+        assert f"rig targets {name}/tunnel-1 " in card
+    assert f"--out {held}\n" in card
+
+
+def test_a_card_names_a_recording_that_is_held_back_once(tmp_path: Path) -> None:
+    paths = [tmp_path / "first.npz", tmp_path / "second.npz", tmp_path / "third.npz"]
+    for seed, path in enumerate(paths):
+        made = make_targets_file(seed, count=5)
+        name = "tunnel-9" if seed else "tunnel-1"
+        named = tuple(replace(source, name=name) for source in made.recordings)
+        replace(made, recordings=named).save(path)
+    out = tmp_path / "net.onnx"
+    options = {"seed": 1, "epochs": 12, "batch_size": 8, "learning_rate": 3e-3}
+    result = train(paths, "toy", out, held_back=("tunnel-9",), **options)
+    assert len(result.split.held_back) == 2
+    assert result.card.read_text().count("--hold-back tunnel-9") == 1
+
+
 def test_a_search_keeps_the_best_of_what_it_drew(files: list[Path], tmp_path: Path) -> None:
     targets = [Targets.load(path) for path in files]
     worlds = [frozenset(source.sha256 for source in file.recordings) for file in targets]
