@@ -1,9 +1,10 @@
 """What a picture that is all white or all dark asks for, whatever a network answers.
 
 At the mouth of a tunnel a network nears the new brightness in small steps, for a step that is too
-large breaks the matches that are left. In a picture that is all white or all dark none are left, so
-nothing is lost by going where there may be some at once. Drives hardly ever come to this: it is for
-light that jumps, such as a lamp that is switched or glare that ends.
+large breaks the matches that are left. In a picture that is all white or all dark few are left, so
+little is lost by going at once where there may be many. Drives hardly ever come to this: it is for
+light that jumps, such as a lamp that is switched or a door that opens. The constants were found
+on train roads (docs/learning-trials.md).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ LEAP_EV = 3.0
 """What is gone at once: a white picture does not tell how much too bright it is."""
 
 MIDDLE = 0.47
-"""The mean that a dark picture should have had, as a share of full scale."""
+"""The mean that a dark picture should have had, as a share of full scale: a usual one."""
 
 _DARKEST = 1 / 255
 
